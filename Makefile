@@ -1,0 +1,49 @@
+# Every target makes what it needs: a virtual environment in .venv and the install in it.
+# Only Python 3.11 or later and make have to be there.
+
+PYTHON ?= python3
+VENV ?= .venv
+BIN := $(VENV)/bin
+
+.PHONY: demo test check bench clean help
+
+help:
+	@echo "make demo   show the whole product on a simulated test (writes demo-out/)"
+	@echo "make test   run the tests"
+	@echo "make check  format, lint, types, import layers"
+	@echo "make bench  throughput and precision of the measurement, as ratios"
+	@echo "make clean  remove what these made"
+
+demo: $(VENV)/installed
+	$(BIN)/glint-aoa demo --out demo-out --overwrite
+
+test: $(VENV)/installed-dev
+	$(BIN)/python -m pytest -n auto --dist worksteal -q
+
+check: $(VENV)/installed-dev
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+bench: $(VENV)/installed-dev
+	$(BIN)/python -m benchmarks
+
+$(VENV)/created:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo "Python 3.11 or later is needed; name one with: make PYTHON=python3.12"; exit 2; }
+	@$(PYTHON) -m venv $(VENV) || \
+	  { echo "This Python has no venv module; install it (on Debian: apt install python3-venv)"; exit 2; }
+	@touch $@
+
+$(VENV)/installed: $(VENV)/created pyproject.toml
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable .
+	@touch $@
+
+$(VENV)/installed-dev: $(VENV)/installed
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --upgrade "pip>=25.1"
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --group dev
+	@touch $@
+
+clean:
+	rm -rf $(VENV) demo-out build *.egg-info

@@ -1,0 +1,52 @@
+"""The errors of glint-aoa.
+
+::
+
+    GlintError                 anything this project raises on purpose
+    +-- InputError             what the user gave cannot be used (exit code 2)
+    |   +-- SetupError         the setup file
+    |   +-- RecordingError     a file of fields or acquisition channels
+    |   +-- CalibrationError   calibration data or a calibration file
+    |   +-- OutputError        where results should go
+    +-- MissingLibraryError    an optional part of the machine is not there
+
+Every message is one sentence that names what was wrong, followed by the next step.
+"""
+
+__all__ = [
+    "CalibrationError",
+    "GlintError",
+    "InputError",
+    "MissingLibraryError",
+    "OutputError",
+    "RecordingError",
+    "SetupError",
+]
+
+
+class GlintError(Exception):
+    """Base of every error that this project raises on purpose."""
+
+
+class InputError(GlintError):
+    """What the user gave cannot be used."""
+
+
+class SetupError(InputError):
+    """The setup file is missing, malformed or contradicts the recording."""
+
+
+class RecordingError(InputError):
+    """A recording of fields or of acquisition channels cannot be used."""
+
+
+class CalibrationError(InputError):
+    """Calibration data do not determine what was asked of them."""
+
+
+class OutputError(InputError):
+    """Results cannot be written where they were asked for."""
+
+
+class MissingLibraryError(GlintError):
+    """A library that only some uses need is not installed or does not work."""

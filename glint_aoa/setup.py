@@ -1,0 +1,354 @@
+"""The setup file ``glint-aoa.toml``: camera, fields, glint, inertial package, calibration.
+
+Every model is frozen and holds SI units and radians; units stand in the file's strings only.
+"""
+
+import difflib
+import hashlib
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import pydantic
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, model_validator
+
+from glint_aoa.errors import SetupError
+from glint_aoa.units import convert, parse_quantity
+
+__all__ = [
+    "Calibration",
+    "Camera",
+    "Fields",
+    "Glint",
+    "Inertial",
+    "InertialChannel",
+    "InertialFilter",
+    "InertialMode",
+    "Quantity",
+    "Setup",
+    "load_setup",
+]
+
+Quantity = Literal[
+    "aoa_unfiltered",
+    "aoa_filtered",
+    "acceleration",
+    "moment",
+    "force",
+    "excitation",
+    "temperature",
+]
+Axis = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
+Parity = Literal["even", "odd"]
+
+
+def _in(unit: str) -> Callable[[Any], float]:
+    return lambda value: parse_quantity(value, unit)
+
+
+def _finite(value: float) -> float:
+    if not abs(value) < float("inf"):
+        raise ValueError(f"{value} is not a finite number")
+    return value
+
+
+def _positive(value: float) -> float:
+    if not value > 0:
+        raise ValueError(f"{value:g} must be greater than zero")
+    return value
+
+
+def _known_unit(unit: str) -> str:
+    convert(unit, unit)
+    return unit
+
+
+_Number = Annotated[float, Field(strict=True), AfterValidator(_finite)]
+_Metres = Annotated[float, BeforeValidator(_in("m")), AfterValidator(_finite)]
+_PositiveMetres = Annotated[_Metres, AfterValidator(_positive)]
+_Radians = Annotated[float, BeforeValidator(_in("rad")), AfterValidator(_finite)]
+_PositiveSeconds = Annotated[
+    float, BeforeValidator(_in("s")), AfterValidator(_finite), AfterValidator(_positive)
+]
+_PositiveHertz = Annotated[
+    float, BeforeValidator(_in("Hz")), AfterValidator(_finite), AfterValidator(_positive)
+]
+_Unit = Annotated[str, AfterValidator(_known_unit)]
+_Count = Annotated[int, Field(strict=True, ge=0)]
+_PositiveCount = Annotated[int, Field(strict=True, ge=1)]
+
+
+class _Section(pydantic.BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Camera(_Section):
+    """The camera: inner orientation, distortion and pose. Lengths in metres, angles in radians."""
+
+    focal_length: _PositiveMetres | None = Field(None, description="principal distance of the lens")
+    pixel_pitch: tuple[_PositiveMetres, _PositiveMetres] | None = Field(
+        None, description="horizontal pitch, and vertical pitch per field line"
+    )
+    sensor: tuple[_PositiveCount, _PositiveCount] | None = Field(
+        None, description="columns, and lines per field"
+    )
+    principal_point: tuple[_Number, _Number] | None = Field(
+        None, description="u, v of an even field [pixels]; the sensor's centre where not given"
+    )
+    position: tuple[_Metres, _Metres, _Metres] | None = Field(
+        None, description="perspective centre X, Y, Z in the tunnel frame"
+    )
+    rotation: tuple[_Radians, _Radians, _Radians] = Field(
+        (0.0, 0.0, 0.0), description="omega, phi, kappa about tunnel X, Y, Z"
+    )
+    distortion: tuple[_Number, _Number, _Number, _Number, _Number] = Field(
+        (0.0, 0.0, 0.0, 0.0, 0.0), description="k1, k2, p1, p2, k3 in OpenCV's order"
+    )
+
+    @property
+    def is_oriented(self) -> bool:
+        """Whether the camera can be used in space, not on its own image plane only."""
+        return self.position is not None
+
+    @model_validator(mode="after")
+    def _is_whole(self) -> Self:
+        needed = {
+            "focal_length": self.focal_length,
+            "pixel_pitch": self.pixel_pitch,
+            "position": self.position,
+        }
+        wants_space = (
+            self.focal_length is not None
+            or self.position is not None
+            or any(self.rotation)
+            or any(self.distortion)
+        )
+        missing = [name for name, value in needed.items() if value is None]
+        if wants_space and missing:
+            raise ValueError(
+                f"{' and '.join(missing)} missing; give focal_length, pixel_pitch and position, "
+                "or pixel_pitch alone for an angle in the image plane"
+            )
+        if wants_space and self.principal_point is None and self.sensor is None:
+            raise ValueError("principal_point missing; give it, or sensor for its centre")
+        return self
+
+
+class Fields(_Section):
+    """What the recording is, where its file does not say so itself. Seconds and hertz."""
+
+    rate: _PositiveHertz | None = Field(None, description="fields a second")
+    exposure: _PositiveSeconds | None = Field(None, description="integration time of a field")
+    first_line: _Count | None = Field(None, description="sensor line of the window's first row")
+    first_column: _Count | None = Field(
+        None, description="sensor column of the window's first column"
+    )
+    interlaced: Annotated[bool, Field(strict=True)] | None = Field(
+        None, description="false: progressive frames, parity 0 throughout"
+    )
+    first_parity: Parity | None = Field(None, description="parity of field 0")
+
+
+class Glint(_Section):
+    """The glint and how it is measured."""
+
+    y: _Metres = Field(0.0, description="known Y of the glint")
+    yaw: _Radians = Field(0.0, description="heading of the known vertical plane about tunnel Z")
+    nose: Literal["left", "right"] = Field(
+        "left", description="where the model's nose points in the image"
+    )
+    column_step: _PositiveCount = Field(20, description="every how many columns; 1 uses all")
+    search_window: tuple[_Count, _PositiveCount] | None = Field(
+        None, description="rows of the recorded window to look in, last one excluded"
+    )
+    polarity: Literal["bright", "dark"] = Field(
+        "bright", description="bright glint on a dark body, or dark on bright"
+    )
+    half_width: Annotated[float, Field(gt=0, le=1000)] | None = Field(
+        None, description="half the centroid's window [lines]; from the line's width if not given"
+    )
+    saturation: Annotated[float, Field(gt=0)] | None = Field(
+        None, description="grey level at which pixels clip; the top of the scale if not given"
+    )
+    min_contrast: Annotated[float, Field(gt=0)] = Field(
+        6.0, description="least height of the glint above background, in background noise"
+    )
+    mean: Literal["auto", "plain", "tapered"] = Field(
+        "auto", description="how the angles of a point are averaged"
+    )
+
+    @model_validator(mode="after")
+    def _window_is_not_empty(self) -> Self:
+        if self.search_window is not None and self.search_window[0] >= self.search_window[1]:
+            raise ValueError(
+                f"search_window {list(self.search_window)} is empty; "
+                "give the first row and one past the last"
+            )
+        return self
+
+
+class InertialFilter(_Section):
+    """Low-pass filter of the inertial package's filtered output. Hertz."""
+
+    kind: Literal["butterworth", "bessel"] = Field("butterworth", description="type of filter")
+    order: Annotated[int, Field(strict=True, ge=1, le=8)] = Field(2, description="its order")
+    cutoff: _PositiveHertz = Field(0.4, validate_default=False, description="-3 dB frequency")
+
+
+class InertialChannel(_Section):
+    """One acquisition channel; stations in metres, range in the channel's units."""
+
+    name: str = Field(description="as in the record")
+    quantity: Quantity = Field(description="what the channel measures")
+    units: _Unit = Field(description="unit of recorded value times scale, as pint names it")
+    scale: _Number = Field(1.0, description="recorded value times scale gives units")
+    station: _Metres | None = Field(None, description="model x of the sensor")
+    axis: Axis | None = Field(None, description="model axis that it senses")
+    range: tuple[str, str] | None = Field(
+        None, description="least and greatest value; beyond it is clipped"
+    )
+
+    @model_validator(mode="after")
+    def _range_has_the_units(self) -> Self:
+        if self.range is not None:
+            low, high = (parse_quantity(text, self.units) for text in self.range)
+            if not low < high:
+                raise ValueError(f"range {list(self.range)} is empty; give least, then greatest")
+        return self
+
+    @property
+    def limits(self) -> tuple[float, float] | None:
+        """Least and greatest value [units], or None."""
+        if self.range is None:
+            return None
+        low, high = (parse_quantity(text, self.units) for text in self.range)
+        return low, high
+
+
+class InertialMode(_Section):
+    """One vibration mode (a row of the paper's Table 1); hertz and metres."""
+
+    number: _PositiveCount = Field(description="mode number")
+    plane: Literal["yaw", "pitch"] = Field(description="plane of the motion")
+    frequency: _PositiveHertz = Field(description="natural frequency")
+    radius: _Metres = Field(
+        description="effective radius; positive with the point of rotation aft of the sensor"
+    )
+
+    @model_validator(mode="after")
+    def _radius_is_not_zero(self) -> Self:
+        if self.radius == 0:
+            raise ValueError("radius must not be zero")
+        return self
+
+
+class Inertial(_Section):
+    """The inertial package and the channels that correct it."""
+
+    filter: InertialFilter = Field(InertialFilter(), description="low-pass of the package")
+    channel: tuple[InertialChannel, ...] = Field((), description="one for each channel used")
+    mode: tuple[InertialMode, ...] = Field((), description="one for each vibration mode")
+
+
+class Calibration(_Section):
+    """Calibrations to apply; paths are relative to the setup file."""
+
+    sweep: str | None = Field(None, description="file of the pitch sweep")
+
+
+class Setup(_Section):
+    """A whole setup file."""
+
+    camera: Camera = Camera()
+    fields: Fields = Fields()
+    glint: Glint = Glint()
+    inertial: Inertial = Inertial()
+    calibration: Calibration = Calibration()
+    folder: Path = Field(Path(), exclude=True)
+
+    @property
+    def hash(self) -> str:
+        """First 12 hexadecimal digits of the SHA-256 of what the setup says."""
+        return hashlib.sha256(self.model_dump_json().encode()).hexdigest()[:12]
+
+    @property
+    def sweep_path(self) -> Path | None:
+        """Path of the pitch-sweep calibration, or None."""
+        return None if self.calibration.sweep is None else self.folder / self.calibration.sweep
+
+
+def load_setup(path: str | Path) -> Setup:
+    """Read a setup file.
+
+    Parameters
+    ----------
+    path : str or Path
+        The TOML file.
+
+    Returns
+    -------
+    Setup
+        The setup, in SI units and radians.
+
+    Raises
+    ------
+    SetupError
+        If the file cannot be read, is not TOML, or holds an unknown key or a wrong value; the
+        message names the file and the key.
+    """
+    path = Path(path)
+    try:
+        with path.open("rb") as file:
+            content = tomllib.load(file)
+    except FileNotFoundError:
+        raise SetupError(f"{path}: no such setup file; give one with --setup") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise SetupError(f"{path}: the setup file cannot be read ({error})") from None
+    except tomllib.TOMLDecodeError as error:
+        raise SetupError(f"{path}: not a TOML file: {error}") from None
+    if "folder" in content:
+        raise SetupError(f"{path}: unknown key folder; {_nearest('folder', Setup)}")
+    try:
+        return Setup.model_validate({**content, "folder": path.parent})
+    except pydantic.ValidationError as error:
+        raise SetupError(f"{path}: {_first_problem(error)}") from None
+
+
+def _first_problem(error: pydantic.ValidationError) -> str:
+    problems = error.errors(include_url=False)
+    unknown = (each for each in problems if each["type"] == "extra_forbidden")
+    problem = next(unknown, problems[0])
+    where = _dotted(problem["loc"])
+    if problem["type"] == "extra_forbidden":
+        *parents, key = problem["loc"]
+        return f"unknown key {where}; {_nearest(str(key), _model_at(parents))}"
+    message = problem["msg"].removeprefix("Value error, ")
+    return f"{where}: {message}" if where else message
+
+
+def _dotted(loc: tuple[int | str, ...]) -> str:
+    parts = ""
+    for part in loc:
+        parts += f"[{part}]" if isinstance(part, int) else f".{part}" if parts else str(part)
+    return parts
+
+
+def _model_at(parents: list[int | str]) -> type[pydantic.BaseModel]:
+    sections: dict[str, type[pydantic.BaseModel]] = {
+        "camera": Camera,
+        "fields": Fields,
+        "glint": Glint,
+        "inertial": Inertial,
+        "inertial.filter": InertialFilter,
+        "inertial.channel": InertialChannel,
+        "inertial.mode": InertialMode,
+        "calibration": Calibration,
+    }
+    return sections.get(".".join(p for p in parents if isinstance(p, str)), Setup)
+
+
+def _nearest(key: str, model: type[pydantic.BaseModel]) -> str:
+    known = [name for name in model.model_fields if name != "folder"]
+    close = difflib.get_close_matches(key, known, n=1)
+    return f"did you mean {close[0]}?" if close else f"known keys here: {', '.join(known)}"
