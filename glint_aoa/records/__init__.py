@@ -1,0 +1,1 @@
+"""Field stacks, acquisition records, recorded points and the tables that results are written to."""

@@ -1,0 +1,133 @@
+"""The results of a point: one row a field as CSV and NetCDF, one row a point in the log."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from numpy.typing import NDArray
+
+from glint_aoa.errors import OutputError
+from glint_aoa.records.tables import append_log, write_csv, write_netcdf
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["FIELD_COLUMNS", "LOG_COLUMNS", "angle_record", "check_new", "write_results"]
+
+_UNITS_AND_MEANING = {
+    "field": ("1", "number of the field in its recording"),
+    "time_s": ("s", "middle of the exposure after the trigger"),
+    "parity": ("1", "0 even field, 1 odd field"),
+    "angle_deg": ("deg", "pitch, nose up positive, after calibration where one is applied"),
+    "angle_std_deg": ("deg", "the field's own noise, 1 sigma"),
+    "intercept_mm": ("mm", "the line's Z at X = 0"),
+    "intercept_std_mm": ("mm", "the field's own noise, 1 sigma"),
+    "columns_used": ("1", "columns that entered the line"),
+    "rms_residual_mm": ("mm", "rms departure of the centres from the line"),
+    "flags": ("1", "bit mask, 0 for good"),
+    "angle_raw_deg": ("deg", "pitch before calibration"),
+    "angle_systematic_std_deg": ("deg", "uncertainty of the calibration, 1 sigma"),
+}
+
+FIELD_COLUMNS = (
+    "field",
+    "time_s",
+    "parity",
+    "angle_deg",
+    "angle_std_deg",
+    "intercept_mm",
+    "intercept_std_mm",
+    "columns_used",
+    "rms_residual_mm",
+    "flags",
+)
+"""Columns of ``<point>.csv``, in order."""
+
+LOG_COLUMNS = (
+    "run",
+    "point",
+    "trigger_time",
+    "n_fields",
+    "n_used",
+    "mean_angle_deg",
+    "std_angle_deg",
+    "mean_angle_std_deg",
+    "mean_angle_u95_deg",
+    "mean_method",
+    "mean_intercept_mm",
+    "std_intercept_mm",
+    "flags",
+    "setup_hash",
+)
+"""Columns of ``log.csv``, in order."""
+
+_FORMATS = {
+    "time_s": ".6f",
+    "angle_deg": ".6f",
+    "angle_std_deg": ".6f",
+    "intercept_mm": ".6f",
+    "intercept_std_mm": ".6f",
+    "rms_residual_mm": ".6f",
+}
+
+
+def angle_record(values: Mapping[str, NDArray[Any]], attrs: Mapping[str, Any]) -> "xr.Dataset":
+    """Make the record of a point's fields.
+
+    Parameters
+    ----------
+    values : mapping of str to ndarray, shape (field,)
+        The columns of `FIELD_COLUMNS`, ``angle_raw_deg`` and ``angle_systematic_std_deg``.
+    attrs : mapping
+        Settings and provenance.
+
+    Returns
+    -------
+    Dataset
+        Over ``field``, each variable with ``units`` and ``long_name``.
+    """
+    import xarray as xr  # noqa: PLC0415  slow to import
+
+    described = {
+        name: ("field", values[name], {"units": unit, "long_name": meaning})
+        for name, (unit, meaning) in _UNITS_AND_MEANING.items()
+    }
+    number = described.pop("field")
+    return xr.Dataset(described, coords={"field": number}, attrs=dict(attrs))
+
+
+def check_new(folder: Path, name: str) -> None:
+    """Refuse to write where a point of that name has been written before.
+
+    Raises
+    ------
+    OutputError
+        If `folder` holds results of `name`.
+    """
+    for path in (folder / f"{name}.csv", folder / f"{name}.nc"):
+        if path.exists():
+            raise OutputError(
+                f"{path} is there already; give another --out, or --overwrite to replace it"
+            )
+
+
+def write_results(
+    folder: Path, name: str, record: "xr.Dataset", log_row: Mapping[str, object]
+) -> None:
+    """Write ``<name>.csv`` and ``<name>.nc``, then append the point to ``log.csv``.
+
+    The row in the log comes last: a point that has one has its files, whole.
+
+    Raises
+    ------
+    OutputError
+        If the folder cannot be made or written to.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{folder}: the folder cannot be made ({error.strerror})") from error
+    columns = {column: record[column].to_numpy() for column in FIELD_COLUMNS}
+    write_csv(folder / f"{name}.csv", columns, formats=_FORMATS)
+    write_netcdf(folder / f"{name}.nc", record)
+    append_log(folder / "log.csv", log_row, LOG_COLUMNS)
