@@ -1,0 +1,294 @@
+"""The modal correction: band, integrate, square, divide by the radius, superpose.
+
+The paper's method for several modes in both planes (its section "Bias Error Correction"). Each
+mode's tangential velocity V_r at the sensor follows from the accelerometer on the package's face;
+its centripetal acceleration V_r^2 / rho_r is added to the package's output before the low-pass.
+In place of one band-pass a mode, the modes of a plane are separated together: as complex parts of
+one response where a single broadband force explains the spectrum (`receptance`), else by sharing
+out its power (`separation`), which also serves sines and independent forces.
+"""
+
+import itertools
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glint_aoa.errors import InputError
+from glint_aoa.inertial.channels import Accelerometer, PackageOutput, tangential
+from glint_aoa.inertial.estimate import BiasEstimate
+from glint_aoa.inertial.filters import filter_spectrum
+from glint_aoa.inertial.modes import Mode, Plane
+from glint_aoa.inertial.receptance import Receptances, fit_receptances
+from glint_aoa.inertial.separation import Share, separate
+from glint_aoa.inertial.spectrum import PlaneSpectrum
+from glint_aoa.records.acquisition import AcquisitionRecord
+from glint_aoa.units import STANDARD_GRAVITY
+
+__all__ = ["estimate_bias", "missing"]
+
+_Floats = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+_PLANES: tuple[Plane, ...] = ("yaw", "pitch")
+_AXIS = {"yaw": "y", "pitch": "z"}
+
+_SETTLING_S = 1.0
+"""A resonance is cut out at least 2 Hz wide; its cut remembers two periods of that."""
+
+_LEAST_ARM_M = 1e-3
+
+_CREDIBLE_TURN = np.radians(1.0)
+"""Amplitude of rotation of a single mode that is not believed [rad]; the paper's largest moments
+turn the model by 0.3 deg."""
+
+_CROSS_STD = 0.25
+"""Uncertainty of the product of two modes where their power overlaps, over its largest value."""
+
+_FIT_FROM, _FIT_TO = 0.7, 1.5  # times lowest and highest mode: where receptances are fitted
+
+
+@dataclass(frozen=True, eq=False)
+class _PlaneBias:
+    addition: _Floats
+    std_terms: list[_Floats]
+    frequencies_hz: dict[int, float]
+    credited: list[int]
+    how: str
+
+
+def missing(
+    record: AcquisitionRecord, package: PackageOutput, modes: tuple[Mode, ...]
+) -> str | None:
+    """Say what the method lacks, or None if it can be used.
+
+    Parameters
+    ----------
+    record : AcquisitionRecord
+        The record.
+    package : PackageOutput
+        The package's output.
+    modes : tuple of Mode
+        The modes of the setup.
+
+    Returns
+    -------
+    str or None
+        The missing channels or modes, as the end of a sentence.
+    """
+    if not modes:
+        return "modes: list each vibration mode as [[inertial.mode]] in the setup"
+    planes = [plane for plane in _PLANES if any(mode.plane == plane for mode in modes)]
+    absent = [plane for plane in planes if tangential(record, plane, package) is None]
+    if absent:
+        axes = " and ".join(f"model {_AXIS[plane]} ({plane} modes)" for plane in absent)
+        return f"an accelerometer at the package along {axes}"
+    return None
+
+
+def estimate_bias(
+    record: AcquisitionRecord,
+    package: PackageOutput,
+    modes: tuple[Mode, ...],
+    *,
+    relative_std: float = 0.01,
+) -> BiasEstimate:
+    """Estimate the bias of the package's output from its modes.
+
+    Parameters
+    ----------
+    record : AcquisitionRecord
+        Package output and one tangential accelerometer for each plane that has modes.
+    package : PackageOutput
+        The package's output.
+    modes : tuple of Mode
+        The modes, in order of frequency.
+    relative_std : float
+        Uncertainty of each mode's bias from its radius and from gains, 1 sigma, relative.
+
+    Returns
+    -------
+    BiasEstimate
+        Sum of V_r^2 / rho_r [m/s^2] and its error terms: radius and gain of each mode, the
+        energy of other modes around each resonance (the leak), and what lies between resonances.
+
+    Notes
+    -----
+    An accelerometer ahead of the package by d moves (rho_r + d) / rho_r as fast as the sensor.
+    Turning also tips it in gravity: a mode's signal is that of an arm longer by
+    g sin(alpha) / w_r^2, 1.5 % for mode 3 at 6 deg; both are taken out.
+
+    Products of velocity and angular rate of different modes have no mean in steady motion at
+    well-separated frequencies. They are kept where one force is seen to move all modes and left
+    out, as in eq. 8, elsewhere.
+    """
+    sine = float(np.clip(np.mean(package.specific_force) / STANDARD_GRAVITY, -1.0, 1.0))
+    found: list[_PlaneBias] = []
+    clipped = np.asarray(package.channel.clipped)
+    names = []
+    for plane in _PLANES:
+        in_plane = tuple(mode for mode in modes if mode.plane == plane)
+        sensor = tangential(record, plane, package) if in_plane else None
+        if sensor is None:
+            continue
+        names.append(sensor.channel.name)
+        clipped = clipped | sensor.channel.clipped
+        found.append(_plane_bias(sensor, in_plane, sine, relative_std))
+    credited = sorted(number for plane in found for number in plane.credited)
+    which = "no mode stands out"
+    if credited:
+        which = f"modes that stand out: {', '.join(str(number) for number in credited)}"
+    return BiasEstimate(
+        addition=np.sum([plane.addition for plane in found], axis=0),
+        std_terms=[term for plane in found for term in plane.std_terms if np.any(term)],
+        clipped=clipped,
+        settling_s=_SETTLING_S,
+        why=f"modal correction from {' and '.join(names)}; {which}",
+        settings={
+            "relative_std": relative_std,
+            "mode_frequencies_hz": {k: v for p in found for k, v in p.frequencies_hz.items()},
+            "modes_credited": tuple(credited),
+            "separation": tuple(plane.how for plane in found),
+        },
+    )
+
+
+def _plane_bias(
+    sensor: Accelerometer, modes: tuple[Mode, ...], sine: float, relative_std: float
+) -> _PlaneBias:
+    spectrum = PlaneSpectrum.of(sensor.acceleration, sensor.channel.rate_hz, modes)
+    inside = (spectrum.bins_hz >= _FIT_FROM * modes[0].frequency_hz) & (
+        spectrum.bins_hz <= _FIT_TO * modes[-1].frequency_hz
+    )
+    receptances = fit_receptances(
+        spectrum.bins_hz[inside], spectrum.power[inside], spectrum.averages, spectrum.peaks_hz
+    )
+    if receptances is None:
+        return _from_shares(sensor, separate(spectrum, modes), sine, relative_std)
+    return _from_receptances(sensor, modes, spectrum, receptances, sine, relative_std)
+
+
+def _from_shares(
+    sensor: Accelerometer, shares: list[Share], sine: float, relative_std: float
+) -> _PlaneBias:
+    """Sum the squares of velocities that share the power of the plane."""
+    responses = [_velocity(share.gain) for share in shares]
+    responses += [_velocity(share.foreign_gain) for share in shares]
+    velocities = filter_spectrum(sensor.acceleration, sensor.channel.rate_hz, responses)
+    additions: list[_Floats] = []
+    terms: list[_Floats] = []
+    speeds: list[_Floats] = []
+    credited: list[int] = []
+    for index, share in enumerate(shares):
+        arm = _arm_factor(share.mode, share.frequency_hz, sensor.ahead_m, sine)
+        factor = arm**2 / share.mode.radius_m
+        own, foreign = velocities[index], velocities[len(shares) + index]
+        speeds.append(arm * own)
+        if _turns_credibly(speeds[-1], share):
+            credited.append(share.mode.number)
+            additions.append(factor * own**2)
+            terms += [relative_std * additions[-1], share.foreign_std * factor * foreign**2]
+        else:  # V * omega with a rate of turning that is not known, but within what is credible
+            additions.append(np.zeros_like(own))
+            terms.append(_CREDIBLE_TURN * 2 * np.pi * share.frequency_hz * np.abs(own))
+    radii = [share.mode.radius_m for share in shares]
+    for (one, r), (other, s) in itertools.combinations(zip(speeds, radii, strict=True), 2):
+        terms.append(_CROSS_STD * (1 / r + 1 / s) * one * other)
+    return _PlaneBias(
+        addition=np.sum(additions, axis=0),
+        std_terms=terms,
+        frequencies_hz={share.mode.number: share.frequency_hz for share in shares},
+        credited=[
+            share.mode.number
+            for share in shares
+            if share.credited and share.mode.number in credited
+        ],
+        how="shares of power",
+    )
+
+
+def _turns_credibly(speed: _Floats, share: Share) -> bool:
+    """Whether the turning that the mode's radius implies is one that a sting allows.
+
+    Driven off its own shape, as by a sine at the frequency of a mode whose point of rotation lies
+    next to the sensor, the model moves with the skirts of other modes; one accelerometer cannot
+    tell, but the turning that the small radius would imply can.
+    """
+    arm = abs(share.mode.radius_m) * 2 * np.pi * share.frequency_hz
+    return bool(np.sqrt(2 * np.mean(speed**2)) <= _CREDIBLE_TURN * arm)
+
+
+def _from_receptances(
+    sensor: Accelerometer,
+    modes: tuple[Mode, ...],
+    spectrum: PlaneSpectrum,
+    receptances: Receptances,
+    sine: float,
+    relative_std: float,
+) -> _PlaneBias:
+    """Multiply velocity and angular rate of the plane, both summed over its modes.
+
+    One force moves all modes, so products of different modes need not vanish on average; for a
+    single mode this is V^2 / rho.
+    """
+    low, high = spectrum.bins_hz[0], spectrum.bins_hz[-1]
+
+    def part(index: int) -> Callable[[_Floats], _Complex]:
+        def gain(frequency_hz: _Floats) -> _Complex:
+            inside = (frequency_hz >= low) & (frequency_hz <= high)
+            result = np.zeros(frequency_hz.size, np.complex128)
+            result[inside] = receptances.fraction(index, frequency_hz[inside])
+            return result
+
+        return _velocity(gain)
+
+    responses = [part(index) for index in range(len(modes))]
+    parts = filter_spectrum(sensor.acceleration, sensor.channel.rate_hz, responses)
+    velocities, rates = [], []
+    for mode, frequency, velocity in zip(modes, receptances.frequency_hz, parts, strict=True):
+        velocities.append(velocity * _arm_factor(mode, frequency, sensor.ahead_m, sine))
+        rates.append(velocities[-1] / mode.radius_m)
+    credited = receptances.credited
+    total = np.sum(np.array(velocities)[credited], axis=0)
+    turning = np.sum(np.array(rates)[credited], axis=0)
+    terms = []
+    for index, (velocity, rate) in enumerate(zip(velocities, rates, strict=True)):
+        strength, std = abs(receptances.strength[index]), receptances.strength_std[index]
+        if credited[index]:
+            terms.append(relative_std * total * rate)
+            terms.append(std / strength * (total * rate + turning * velocity))
+        else:
+            scale = np.hypot(strength, std) / max(strength, np.finfo(float).tiny)
+            terms.append(scale * (total * rate + turning * velocity) + scale**2 * velocity * rate)
+    return _PlaneBias(
+        addition=np.asarray(total * turning),
+        std_terms=terms,
+        frequencies_hz={
+            mode.number: float(frequency)
+            for mode, frequency in zip(modes, receptances.frequency_hz, strict=True)
+        },
+        credited=[mode.number for mode, use in zip(modes, credited, strict=True) if use],
+        how="receptances",
+    )
+
+
+def _arm_factor(mode: Mode, frequency_hz: float, ahead_m: float, sine: float) -> float:
+    """Velocity of the sensor over the integral of what the accelerometer shows."""
+    radius = mode.radius_m
+    tipping = STANDARD_GRAVITY * sine / (2 * np.pi * frequency_hz) ** 2
+    arm = radius + ahead_m + tipping
+    if abs(arm) < _LEAST_ARM_M:
+        raise InputError(
+            f"inertial.mode {mode.number}: its point of rotation lies within "
+            f"{1e3 * _LEAST_ARM_M:g} mm of the accelerometer, which cannot see it; use another "
+            "station or leave the mode out"
+        )
+    return radius / arm
+
+
+def _velocity(gain: Callable[[_Floats], _Floats | _Complex]) -> Callable[[_Floats], _Complex]:
+    def response(frequency_hz: _Floats) -> _Complex:
+        circular = 2 * np.pi * np.maximum(frequency_hz, np.finfo(float).tiny)
+        return np.asarray(gain(frequency_hz) / (1j * circular), np.complex128)
+
+    return response

@@ -1,0 +1,257 @@
+import dataclasses
+import re
+import time
+
+import numpy as np
+import pytest
+import rigid_body
+from test_inertial_modal import setup_of
+
+from glint_aoa.errors import InputError, OutputError, RecordingError
+from glint_aoa.flags import Flag
+from glint_aoa.inertial import correct
+from glint_aoa.inertial.correct import write_correction
+from glint_aoa.inertial.filters import low_pass
+from glint_aoa.records.acquisition import AcquisitionRecord
+from glint_aoa.setup import Inertial
+
+
+@pytest.fixture(scope="module")
+def record():
+    motion = rigid_body.sine(1, duration_s=12.0, pitch_deg=4.3)
+    return rigid_body.record(motion, pitch_deg=4.3, rng=np.random.default_rng(7))
+
+
+def changed(record, name, **changes):
+    channels = {**record.channels, name: dataclasses.replace(record[name], **changes)}
+    return AcquisitionRecord(record.name, channels, record.meta)
+
+
+def without(record, *names):
+    channels = {name: each for name, each in record.channels.items() if name not in names}
+    return AcquisitionRecord(record.name, channels, record.meta)
+
+
+def test_rows_start_at_the_records_start_and_come_at_the_rate_asked_for(record):
+    later = record
+    for name in record.channels:
+        later = changed(later, name, start_s=-0.5)
+    result = correct(later, setup_of())
+    assert result.time_s[0] == -0.5
+    np.testing.assert_allclose(np.diff(result.time_s), 0.05)
+    assert result.time_s[-1] <= -0.5 + 12.0
+    assert len(correct(record, setup_of(), rate_hz=800.0).time_s) == len(record["ay_face"])
+
+
+def test_raw_is_the_unfiltered_output_through_the_same_low_pass(record):
+    result = correct(record, setup_of())
+    force = low_pass(record["aoa_unfiltered"].samples, 800.0, setup_of().filter)
+    expected = np.degrees(np.arcsin(force / 9.80665))[::40]
+    np.testing.assert_allclose(result.raw_angle_deg, expected, atol=1e-12)
+    np.testing.assert_allclose(result.bias_deg, result.raw_angle_deg - result.angle_deg)
+
+
+def test_auto_says_what_it_chose_and_why(record):
+    result = correct(record, setup_of())
+    assert result.method == "modal"
+    assert result.why == (
+        "chosen automatically: modal correction from ay_face and az_face; modes that stand out: 1"
+    )
+    assert correct(record, setup_of(), method="modal").why.startswith("as asked: modal")
+
+
+def test_an_output_in_degrees_gives_the_same_angle(record):
+    motion = rigid_body.sine(1, duration_s=8.0)
+    one, two = (
+        correct(rigid_body.record(motion, pitch_deg=6.0, angle_units=units), setup_of())
+        for units in (False, True)
+    )
+    np.testing.assert_allclose(one.angle_deg, two.angle_deg, atol=1e-10)
+
+
+def test_the_causal_run_lags_and_settles_on_the_same_angle(record):
+    result = correct(record, setup_of(), causal=True)
+    settled = (result.flags & Flag.FILTER_SETTLING) == 0
+    assert settled[-25]
+    assert not settled[20]
+    assert (
+        np.max(np.abs(result.angle_deg[settled] - 4.3)) < 0.003
+    )  # 1 % of what the first sample was off
+
+
+def test_a_record_with_only_the_filtered_output_is_corrected_and_says_so():
+    motion = rigid_body.sine(1, modulation_hz=0.25, duration_s=20.0)
+    source = rigid_body.record(motion, rng=np.random.default_rng(8))
+    filtered = low_pass(source["aoa_unfiltered"].samples, 800.0, setup_of().filter, causal=True)
+    given = changed(source, "aoa_unfiltered", samples=filtered, quantity="aoa_filtered")
+    result = correct(given, setup_of())
+    settled = (result.flags & Flag.FILTER_SETTLING) == 0
+    assert np.max(np.abs(result.angle_deg[settled])) < 0.001
+    assert result.settings["causal"] is True
+    assert result.why.endswith(
+        "; only the filtered output is recorded, so the correction was low-passed alike and "
+        "added to it"
+    )
+
+
+def test_the_ends_are_flagged_for_the_settling_time(record):
+    flags = correct(record, setup_of()).flags & Flag.FILTER_SETTLING
+    assert np.count_nonzero(flags[:100]) == 53  # 2.63 s at 20 rows a second
+    assert flags[53] == 0
+    assert flags[-1] != 0
+
+
+def test_clipped_channels_are_flagged_and_widen_the_uncertainty(record):
+    peak = float(np.max(record["ay_face"].samples))
+    low, high = -0.9 * peak, 0.9 * peak
+    samples = np.clip(record["ay_face"].samples, low, high)
+    clipped = correct(changed(record, "ay_face", samples=samples, limits=(low, high)), setup_of())
+    assert np.all(clipped.flags & Flag.CLIPPED_CHANNEL)
+    assert np.all(clipped.flags & Flag.UNCERTAIN_CORRECTION)
+    settled = (clipped.flags & Flag.FILTER_SETTLING) == 0
+    error = np.abs(clipped.angle_deg - 4.3)[settled]
+    assert np.max(error / clipped.angle_std_deg[settled]) < 1.5
+
+
+def test_one_clipped_sample_flags_only_its_neighbourhood(record):
+    samples = record["ay_face"].samples.copy()
+    samples[4800] = 190.0
+    result = correct(
+        changed(record, "ay_face", samples=samples, limits=(-190.0, 190.0)), setup_of()
+    )
+    flagged = result.time_s[(result.flags & Flag.CLIPPED_CHANNEL) > 0]
+    assert flagged[0] == pytest.approx(6 - 2.63, abs=0.05)
+    assert flagged[-1] == pytest.approx(6 + 2.63, abs=0.05)
+
+
+def test_noise_of_the_package_is_in_the_uncertainty():
+    motion = rigid_body.sine(1, bias_deg=0.0, duration_s=60.0)
+    source = rigid_body.record(motion, rng=np.random.default_rng(10), noise=(0.02, 1e-3))
+    result = correct(source, setup_of())
+    settled = (result.flags & Flag.FILTER_SETTLING) == 0
+    assert np.std(result.angle_deg[settled]) == pytest.approx(
+        np.mean(result.angle_std_deg), rel=0.4
+    )
+
+
+def test_without_modes_the_table_of_the_paper_is_not_assumed(record):
+    message = (
+        "rigid-body: the modal correction lacks modes: list each vibration mode as "
+        "[[inertial.mode]] in the setup"
+    )
+    with pytest.raises(InputError, match=re.escape(message)):
+        correct(record, Inertial())
+
+
+def test_missing_accelerometers_are_named(record):
+    message = (
+        "rigid-body: the modal correction lacks an accelerometer at the package along model y "
+        "(yaw modes) and model z (pitch modes)"
+    )
+    with pytest.raises(InputError, match=re.escape(message)):
+        correct(without(record, "ay_face", "az_face"), setup_of())
+
+
+def test_an_unknown_method_is_refused(record):
+    message = "method is 'kinematic'; choose one of auto, modal"
+    with pytest.raises(InputError, match=re.escape(message)):
+        correct(record, setup_of(), method="kinematic")
+
+
+def test_a_record_without_the_package_is_refused(record):
+    message = (
+        "rigid-body: no channel of quantity aoa_unfiltered or aoa_filtered; record the "
+        "package's output, or name it under [[inertial.channel]] in the setup"
+    )
+    with pytest.raises(RecordingError, match=re.escape(message)):
+        correct(without(record, "aoa_unfiltered"), setup_of())
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"rate_hz": 400.0}, "rate (800 Hz and 400 Hz)"),
+        ({"start_s": 0.1}, "start (0 s and 0.1 s)"),
+        ({"samples": np.zeros(9000)}, "length (9600 samples and 9000 samples)"),
+    ],
+)
+def test_channels_on_different_clocks_are_refused(record, changes, words):
+    message = (
+        f"rigid-body: channels aoa_unfiltered and ay_face differ in {words}; "
+        "resample them to one clock"
+    )
+    with pytest.raises(RecordingError, match=re.escape(message)):
+        correct(changed(record, "ay_face", **changes), setup_of())
+
+
+@pytest.mark.parametrize("name", ["aoa_unfiltered", "ay_face"])
+def test_samples_that_are_not_finite_are_refused(record, name):
+    samples = record[name].samples.copy()
+    samples[800:803] = np.nan
+    message = (
+        f"rigid-body: channel {name} has 3 samples that are not finite, the first at 1.000 s; "
+        "cut the record to a stretch without them"
+    )
+    with pytest.raises(RecordingError, match=re.escape(message)):
+        correct(changed(record, name, samples=samples), setup_of())
+
+
+def test_an_output_in_volts_is_refused(record):
+    message = (
+        "rigid-body: channel aoa_unfiltered is in V, expected an acceleration (g_0, m/s^2) or an "
+        "angle (deg, rad); correct units in the record or the setup"
+    )
+    with pytest.raises(RecordingError, match=re.escape(message)):
+        correct(changed(record, "aoa_unfiltered", units="V"), setup_of())
+
+
+def test_too_short_a_record_is_refused():
+    source = rigid_body.record(rigid_body.sine(1, duration_s=1.0))
+    message = "the record lasts 1 s, but the 0.4 Hz low-pass needs 2.62 s to settle"
+    with pytest.raises(RecordingError, match=re.escape(message)):
+        correct(source, setup_of())
+
+
+def test_a_rate_of_zero_is_refused(record):
+    message = "rate_hz is 0; give a number of rows a second above zero"
+    with pytest.raises(InputError, match=re.escape(message)):
+        correct(record, setup_of(), rate_hz=0.0)
+
+
+def test_the_nearest_accelerometer_is_taken(record):
+    far = dataclasses.replace(record["ay_face"], name="ay_tail", station_m=-0.3)
+    channels = {"ay_tail": far, **record.channels}
+    result = correct(AcquisitionRecord("rigid-body", channels), setup_of())
+    assert "from ay_face and az_face" in result.why
+
+
+def test_the_table_holds_every_row_and_is_not_replaced_unasked(record, tmp_path):
+    result = correct(record, setup_of())
+    path = write_correction(tmp_path / "out", "point", result)
+    table = np.genfromtxt(path, delimiter=",", names=True)
+    assert table.dtype.names == (
+        "time_s",
+        "angle_deg",
+        "angle_std_deg",
+        "raw_angle_deg",
+        "bias_deg",
+        "flags",
+    )
+    np.testing.assert_allclose(table["angle_deg"], result.angle_deg, atol=1e-6)
+    np.testing.assert_array_equal(table["flags"], result.flags)
+    message = f"{path} is there already; give another --out, or --overwrite to replace it"
+    with pytest.raises(OutputError, match=re.escape(message)):
+        write_correction(tmp_path / "out", "point", result)
+    assert write_correction(tmp_path / "out", "point", result, overwrite=True) == path
+
+
+def test_seventy_seconds_of_twelve_channels_take_under_a_third_of_a_second():
+    motion = rigid_body.sine(1, duration_s=70.0)
+    source = rigid_body.record(motion, rng=np.random.default_rng(11))
+    correct(source, setup_of())
+    times = []
+    for _ in range(3):
+        start = time.perf_counter()
+        correct(source, setup_of())
+        times.append(time.perf_counter() - start)
+    assert min(times) < 0.3
