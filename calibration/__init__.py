@@ -1,0 +1,1 @@
+"""What turns a camera and a tunnel into numbers that can be trusted."""
