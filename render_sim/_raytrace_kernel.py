@@ -1,0 +1,434 @@
+"""Compiled ray casting: plain arrays in, plain arrays out; `raytrace` explains the method.
+
+Everything happens in the model frame, where the body is the cylinder y^2 + z^2 = radius^2.
+Packed arguments:
+
+inner    fx, fy, u0, v0
+lens     k1, k2, p1, p2, k3, all zero for none
+surface  roughness squared, specular, diffuse, ambient, wall
+"""
+
+# mypy: disable-error-code="no-untyped-def"
+# numba infers the types when it compiles
+
+import math
+
+import numpy as np
+from numba import njit
+
+from render_sim.projection import undistort
+
+__all__ = ["EDGE_STEPS", "fast_images", "fine_image"]
+
+_undistort = njit(undistort)
+_FAINTEST = -20.0
+_MATTE_SAMPLES = 24
+EDGE_STEPS = 128
+
+
+@njit(cache=True, error_model="numpy")
+def _to_model(pose, x, y, z, result):
+    """Turn a tunnel direction into the model frame."""
+    for i in range(3):
+        result[i] = pose[0, i] * x + pose[1, i] * y + pose[2, i] * z
+
+
+@njit(cache=True, error_model="numpy")
+def _place(pose, centre, rotation, lamp):
+    """Bring all into the model frame: camera axes, eye, lamp samples, tunnel's X and up."""
+    axes, eye, moved = np.empty((3, 3)), np.empty(3), np.empty_like(lamp)
+    for j in range(3):
+        _to_model(pose, rotation[0, j], rotation[1, j], rotation[2, j], axes[:, j])
+    x, y, z = pose[0, 3], pose[1, 3], pose[2, 3]
+    _to_model(pose, centre[0] - x, centre[1] - y, centre[2] - z, eye)
+    for j in range(lamp.shape[0]):
+        _to_model(pose, lamp[j, 0] - x, lamp[j, 1] - y, lamp[j, 2] - z, moved[j])
+        moved[j, 3] = lamp[j, 3]
+    along, up = np.empty(3), np.empty(3)
+    _to_model(pose, 1.0, 0.0, 0.0, along)
+    _to_model(pose, 0.0, 0.0, 1.0, up)
+    return axes, eye, moved, along, up
+
+
+@njit(cache=True, error_model="numpy")
+def _ray(u, v, inner, lens, axes):
+    x = (u - inner[2]) / inner[0]
+    y = (v - inner[3]) / inner[1]
+    if lens[0] != 0.0 or lens[1] != 0.0 or lens[2] != 0.0 or lens[3] != 0.0 or lens[4] != 0.0:
+        x, y = _undistort(x, y, lens)
+    return (
+        axes[0, 0] * x + axes[0, 1] - axes[0, 2] * y,
+        axes[1, 0] * x + axes[1, 1] - axes[1, 2] * y,
+        axes[2, 0] * x + axes[2, 1] - axes[2, 2] * y,
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def _hit(dx, dy, dz, eye, radius):
+    """Return the nearer point on the cylinder; a ray that just misses grazes it instead."""
+    a = dy * dy + dz * dz
+    b = eye[1] * dy + eye[2] * dz
+    under = b * b - a * (eye[1] * eye[1] + eye[2] * eye[2] - radius * radius)
+    depth = (-b - math.sqrt(max(under, 0.0))) / a
+    return eye[0] + depth * dx, eye[1] + depth * dy, eye[2] + depth * dz
+
+
+@njit(cache=True, error_model="numpy")
+def _shade(px, py, pz, eye, lamp, up, surface, with_specular):
+    """Return the matte and the specular part of the radiance; the formula of `light`.
+
+    Lamp samples so far from the mirror direction that they add nothing are passed over.
+    """
+    size = math.sqrt(py * py + pz * pz)
+    ny, nz = py / size, pz / size
+    vx, vy, vz = eye[0] - px, eye[1] - py, eye[2] - pz
+    size = 1.0 / math.sqrt(vx * vx + vy * vy + vz * vz)
+    vx, vy, vz = vx * size, vy * size, vz * size
+    facing_eye = ny * vy + nz * vz
+    faintest = 1.0 - _FAINTEST * surface[0]
+    received, specular = 0.0, 0.0
+    for j in range(lamp.shape[0]):
+        lx, ly, lz = lamp[j, 0] - px, lamp[j, 1] - py, lamp[j, 2] - pz
+        r2 = lx * lx + ly * ly + lz * lz
+        size = 1.0 / math.sqrt(r2)
+        facing = (ny * ly + nz * lz) * size
+        height = (up[0] * lx + up[1] * ly + up[2] * lz) * size
+        if facing <= 0.0 or height <= 0.0:
+            continue
+        weight = lamp[j, 3] * height * facing * size * size
+        received += weight
+        if with_specular:
+            size2 = 2.0 + 2.0 * (lx * vx + ly * vy + lz * vz) * size
+            total = facing + facing_eye
+            if size2 < faintest * total * total:
+                inverse = size2 / (total * total)
+                lobe = math.exp((1.0 - inverse) / surface[0])
+                specular += weight * lobe * inverse * inverse / size2
+    return (
+        surface[2] * (received / math.pi + surface[3]),
+        surface[1] * specular / (math.pi * surface[0]),
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def fine_image(pose, columns, lines, centre, rotation, inner, lens, lamp, surface, radius):
+    """Cast one ray at every crossing of `columns` and `lines`; radiance [line, column]."""
+    axes, eye, lamp, _, up = _place(pose, centre, rotation, lamp)
+    image = np.empty((lines.size, columns.size))
+    reach = eye[1] * eye[1] + eye[2] * eye[2] - radius * radius
+    for i in range(lines.size):
+        for j in range(columns.size):
+            dx, dy, dz = _ray(columns[j], lines[i], inner, lens, axes)
+            b = eye[1] * dy + eye[2] * dz
+            if b * b < (dy * dy + dz * dz) * reach:
+                image[i, j] = surface[4]
+                continue
+            px, py, pz = _hit(dx, dy, dz, eye, radius)
+            matte, specular = _shade(px, py, pz, eye, lamp, up, surface, True)
+            image[i, j] = matte + specular
+    return image
+
+
+@njit(cache=True, error_model="numpy")
+def _edges(u, v0, v1, inner, lens, axes, eye, radius):
+    """Return the lines between which column u sees the body, upper one first.
+
+    The two planes through the eye that touch the cylinder; for a lens without distortion the
+    secant step is exact.
+    """
+    distance2 = eye[1] * eye[1] + eye[2] * eye[2]
+    along = radius / distance2
+    across = math.sqrt(distance2 - radius * radius) / distance2
+    found = np.empty(2)
+    for side in range(2):
+        sign = 1.0 if side == 0 else -1.0
+        ny = along * eye[1] - sign * across * eye[2]
+        nz = along * eye[2] + sign * across * eye[1]
+        low, high = v0, v1
+        _, dy, dz = _ray(u, low, inner, lens, axes)
+        at_low = ny * dy + nz * dz
+        for _ in range(6):
+            _, dy, dz = _ray(u, high, inner, lens, axes)
+            at_high = ny * dy + nz * dz
+            if abs(at_high - at_low) < 1e-15:
+                break
+            step = at_high * (high - low) / (at_high - at_low)
+            low, at_low = high, at_high
+            high -= step
+        found[side] = high
+    return min(found[0], found[1]), max(found[0], found[1])
+
+
+@njit(cache=True, error_model="numpy")
+def _mirrored(u, v, inner, lens, axes, eye, radius, line, along):
+    """Return how the mirrored ray passes the lamp's line, seen along it: across and towards."""
+    dx, dy, dz = _ray(u, v, inner, lens, axes)
+    px, py, pz = _hit(dx, dy, dz, eye, radius)
+    twice = 2.0 * (py * dy + pz * dz) / (py * py + pz * pz)
+    dy -= twice * py
+    dz -= twice * pz
+    lx, ly, lz = line[0] - px, line[1] - py, line[2] - pz
+    across = (
+        lx * (dy * along[2] - dz * along[1])
+        + ly * (dz * along[0] - dx * along[2])
+        + lz * (dx * along[1] - dy * along[0])
+    )
+    parallel = dx * along[0] + dy * along[1] + dz * along[2]
+    towards = (
+        lx * (dx - parallel * along[0])
+        + ly * (dy - parallel * along[1])
+        + lz * (dz - parallel * along[2])
+    )
+    return across, towards
+
+
+@njit(cache=True, error_model="numpy")
+def _mirror_line(u, top, bottom, inner, lens, axes, eye, radius, line, along):
+    """Return the line of column u that mirrors the lamp; NaN if none does.
+
+    From the upper edge to the middle of the body the mirrored ray sweeps from straight on over the
+    top and back to the camera, from there to the lower edge under the body.
+    """
+    middle = 0.5 * (top + bottom)
+    for side in range(2):
+        low = top + 1e-6 if side == 0 else middle
+        high = middle if side == 0 else bottom - 1e-6
+        at_low, _ = _mirrored(u, low, inner, lens, axes, eye, radius, line, along)
+        at_high, _ = _mirrored(u, high, inner, lens, axes, eye, radius, line, along)
+        if at_low * at_high > 0.0:
+            continue
+        for _ in range(34):
+            half = 0.5 * (low + high)
+            at_half, _ = _mirrored(u, half, inner, lens, axes, eye, radius, line, along)
+            if at_low * at_half > 0.0:
+                low = half
+            else:
+                high = half
+        _, towards = _mirrored(u, low, inner, lens, axes, eye, radius, line, along)
+        if towards > 0.0:
+            return 0.5 * (low + high)
+    return math.nan
+
+
+@njit(cache=True, error_model="numpy")
+def _cubic(t, weights):
+    """Fill `weights` of four neighbours at -1, 0, 1, 2 for a place t in [0, 1] (Lagrange)."""
+    weights[0] = -t * (t - 1.0) * (t - 2.0) / 6.0
+    weights[1] = (t + 1.0) * (t - 1.0) * (t - 2.0) / 2.0
+    weights[2] = -(t + 1.0) * t * (t - 2.0) / 2.0
+    weights[3] = (t + 1.0) * t * (t - 1.0) / 6.0
+
+
+@njit(cache=True, error_model="numpy")
+def _covered(offset, edge):
+    """Look up the part of a pixel's response beyond an edge `offset` lines before its centre."""
+    place = offset * EDGE_STEPS + (edge.size - 1) // 2
+    if place <= 0.0:
+        return 0.0
+    k = int(place)
+    if k >= edge.size - 1:
+        return 1.0
+    return edge[k] + (place - k) * (edge[k + 1] - edge[k])
+
+
+@njit(cache=True, error_model="numpy")
+def _nodes(nodes, v0, v1, inner, lens, axes, eye, radius, line, along):
+    """Return mirror line, upper and lower edge at the node columns [node, 3]."""
+    found = np.empty((nodes.size, 3))
+    for i in range(nodes.size):
+        top, bottom = _edges(nodes[i], v0, v1, inner, lens, axes, eye, radius)
+        centre = _mirror_line(nodes[i], top, bottom, inner, lens, axes, eye, radius, line, along)
+        found[i, 0], found[i, 1], found[i, 2] = centre, top, bottom
+    return found
+
+
+@njit(cache=True, error_model="numpy")
+def _mirrored_part(u, v, inner, lens, axes, eye, lamp, radius, m2):
+    """Return the lamp samples that can add to the glint in column u, whose mirror line is v.
+
+    Along the lamp the lobe falls as it does on the mirror line; off that line only faster.
+    """
+    dx, dy, dz = _ray(u, v, inner, lens, axes)
+    px, py, pz = _hit(dx, dy, dz, eye, radius)
+    chosen = np.empty_like(lamp)
+    count = 0
+    vx, vy, vz = eye[0] - px, eye[1] - py, eye[2] - pz
+    view = 1.0 / math.sqrt(vx * vx + vy * vy + vz * vz)
+    for j in range(lamp.shape[0]):
+        lx, ly, lz = lamp[j, 0] - px, lamp[j, 1] - py, lamp[j, 2] - pz
+        size = 1.0 / math.sqrt(lx * lx + ly * ly + lz * lz)
+        hx, hy, hz = lx * size + vx * view, ly * size + vy * view, lz * size + vz * view
+        total = (py * hy + pz * hz) / radius
+        if (hx * hx + hy * hy + hz * hz) < (1.0 - _FAINTEST * m2) * total * total:
+            for k in range(4):
+                chosen[count, k] = lamp[j, k]
+            count += 1
+    return chosen[:count]
+
+
+@njit(cache=True, error_model="numpy")
+def _sample(nodes, found, offsets, specular, inner, lens, axes, eye, lamp, up, surface, radius):
+    """Return one part of the radiance at `offsets` lines from the mirror line [node, offset]."""
+    values = np.empty((nodes.size, offsets.size))
+    for i in range(nodes.size):
+        near = lamp
+        if specular:
+            near = _mirrored_part(
+                nodes[i], found[i, 0], inner, lens, axes, eye, lamp, radius, surface[0]
+            )
+        for k in range(offsets.size):
+            v = min(max(found[i, 0] + offsets[k], found[i, 1] + 1e-3), found[i, 2] - 1e-3)
+            dx, dy, dz = _ray(nodes[i], v, inner, lens, axes)
+            px, py, pz = _hit(dx, dy, dz, eye, radius)
+            parts = _shade(px, py, pz, eye, near, up, surface, specular)
+            values[i, k] = parts[1] if specular else parts[0]
+    return values
+
+
+@njit(cache=True, error_model="numpy")
+def _blurred(values, weights):
+    """Integrate each node's profile over the pixel's response, zero beyond its ends."""
+    half = weights.size // 2
+    n = values.shape[1]
+    result = np.zeros_like(values)
+    for i in range(values.shape[0]):
+        for k in range(n):
+            total = 0.0
+            for m in range(max(0, k - half), min(n, k + half + 1)):
+                total += values[i, m] * weights[m - k + half]
+            result[i, k] = total
+    return result
+
+
+@njit(cache=True, error_model="numpy")
+def _refined(values, places):
+    """Interpolate each node's evenly spaced values at `places` [samples] (cubic)."""
+    result = np.empty((values.shape[0], places.size))
+    w = np.empty(4)
+    for n in range(places.size):
+        k = min(max(int(places[n]), 1), values.shape[1] - 3)
+        _cubic(places[n] - k, w)
+        for i in range(values.shape[0]):
+            total = 0.0
+            for m in range(4):
+                total += w[m] * values[i, k - 1 + m]
+            result[i, n] = total
+    return result
+
+
+@njit(cache=True, error_model="numpy")
+def _mix(values, first, blend, result):
+    """Blend four successive nodes' rows of `values` into `result`."""
+    a, b, c, d = blend[0], blend[1], blend[2], blend[3]
+    for k in range(result.size):
+        result[k] = (
+            a * values[first, k]
+            + b * values[first + 1, k]
+            + c * values[first + 2, k]
+            + d * values[first + 3, k]
+        )
+
+
+@njit(cache=True, error_model="numpy")
+def _fill_column(pixels, v0, place, glint, per_line, matte, matte_first, edge, wall, w):
+    """Read one column's profiles at its pixels; place is mirror line, upper and lower edge."""
+    rows = pixels.size
+    offset = v0 - place[0]
+    k = math.floor(offset - matte_first)
+    _cubic(offset - matte_first - k, w)
+    a, b, c, d = w[0], w[1], w[2], w[3]
+    for row in range(rows):
+        n = k + row
+        pixels[row] = a * matte[n - 1] + b * matte[n] + c * matte[n + 1] + d * matte[n + 2]
+    sample = offset * per_line + (glint.size - 1) // 2
+    k = math.floor(sample)
+    _cubic(sample - k, w)
+    a, b, c, d = w[0], w[1], w[2], w[3]
+    begin = max(0, -((k - 1) // per_line))
+    end = min(rows, (glint.size - 3 - k) // per_line + 1)
+    for row in range(begin, end):
+        n = k + row * per_line
+        pixels[row] += a * glint[n - 1] + b * glint[n] + c * glint[n + 1] + d * glint[n + 2]
+    reach = (edge.size // 2) / EDGE_STEPS
+    begin = min(max(math.ceil(place[1] - reach - v0), 0), rows)
+    end = max(min(math.floor(place[2] + reach - v0) + 1, rows), begin)
+    for row in range(rows):
+        v = v0 + row
+        if row < begin or row >= end:
+            pixels[row] = wall
+        elif v < place[1] + reach or v > place[2] - reach:
+            part = _covered(v - place[1], edge) - _covered(v - place[2], edge)
+            pixels[row] = part * pixels[row] + (1.0 - part) * wall
+
+
+@njit(cache=True, error_model="numpy")
+def _fill(image, v0, found, band, per_line, matte, matte_first, blend, first, edge, wall):
+    """Interpolate the nodes' profiles along the line, and read them at every pixel's place."""
+    glint, ground = np.empty(band.shape[1]), np.empty(matte.shape[1])
+    place, pixels, w = np.empty(3), np.empty(image.shape[0]), np.empty(4)
+    for j in range(image.shape[1]):
+        _mix(band, first[j], blend[j], glint)
+        _mix(matte, first[j], blend[j], ground)
+        _mix(found, first[j], blend[j], place)
+        _fill_column(pixels, v0, place, glint, per_line, ground, matte_first, edge, wall, w)
+        for row in range(pixels.size):
+            image[row, j] = pixels[row]
+
+
+@njit(cache=True, error_model="numpy")
+def _matte_span(found, v0, rows):
+    """Return the first and last whole offset from the mirror line that the window shows."""
+    low, high = found[0, 0], found[0, 0]
+    for i in range(1, found.shape[0]):
+        low, high = min(low, found[i, 0]), max(high, found[i, 0])
+    return math.floor(v0 - high) - 2, math.ceil(v0 + rows - low) + 2
+
+
+@njit(cache=True, error_model="numpy")
+def _even(first, step, count):
+    values = np.empty(count)
+    for k in range(count):
+        values[k] = first + step * k
+    return values
+
+
+@njit(cache=True, error_model="numpy")
+def fast_images(
+    poses, v0, rows, nodes, blend, first, per_line, half, weights, edge, stations,
+    centre, rotation, inner, lens, lamp, lamp_line, surface, radius,
+):  # fmt: skip
+    """Render one image a pose [image, row, column]; status 0, or why the body does not fit.
+
+    Status 1: some column mirrors no lamp; 2: the cylinder ends within the window.
+    """
+    images = np.empty((poses.shape[0], rows, blend.shape[0]))
+    offsets = _even(-half / per_line, 1.0 / per_line, 2 * half + 1)
+    line = np.empty(3)
+    for n in range(poses.shape[0]):
+        pose = poses[n]
+        axes, eye, moved, along, up = _place(pose, centre, rotation, lamp)
+        x, y, z = lamp_line[0] - pose[0, 3], lamp_line[1] - pose[1, 3], lamp_line[2] - pose[2, 3]
+        _to_model(pose, x, y, z, line)
+        found = _nodes(nodes, v0, v0 + rows, inner, lens, axes, eye, radius, line, along)
+        for i in range(nodes.size):
+            if math.isnan(found[i, 0]):
+                return images, 1
+            dx, dy, dz = _ray(nodes[i], found[i, 0], inner, lens, axes)
+            px, _, _ = _hit(dx, dy, dz, eye, radius)
+            if px < stations[0] or px > stations[1]:
+                return images, 2
+        glint = _sample(
+            nodes, found, offsets, True, inner, lens, axes, eye, moved, up, surface, radius
+        )
+        low, high = _matte_span(found, v0, rows)
+        step = (high - low) / (_MATTE_SAMPLES - 1)
+        coarse = _even(low, step, _MATTE_SAMPLES)
+        matte = _sample(
+            nodes, found, coarse, False, inner, lens, axes, eye, moved, up, surface, radius
+        )
+        fine = _refined(matte, _even(0.0, 1.0 / step, high - low + 1))
+        _fill(
+            images[n], v0, found, _blurred(glint, weights), per_line, fine, low,
+            blend, first, edge, surface[4],
+        )  # fmt: skip
+    return images, 0

@@ -1,0 +1,307 @@
+"""Simulating a campaign: every point filmed, acquired and written.
+
+Every point draws from random streams of its own, seeded by the seed and its name, so that neither
+the order nor the number of processes changes a single bit.
+"""
+
+import datetime
+import importlib.metadata
+import multiprocessing
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
+from itertools import starmap
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from glint_aoa.errors import OutputError
+from glint_aoa.records.acquisition import AcquisitionRecord
+from glint_aoa.records.points import RecordedPoint, write_point
+from glint_aoa.units import convert
+from render_sim.acquisition import Acquisition, Recording, acquire
+from render_sim.campaign_file import Campaign, Point, load_campaign
+from render_sim.excitation import Tones, peak_to_peak
+from render_sim.film import film
+from render_sim.modal_motion import ModalMotion
+from render_sim.modes import Plane, balance_moment, modal_angles
+from render_sim.motion import Motion, StaticMotion
+from render_sim.renderer import Renderer, make_renderer
+from render_sim.scene import Scene, paper_scene
+
+__all__ = [
+    "Campaign",
+    "Point",
+    "PointMotion",
+    "load_campaign",
+    "point_acquisition",
+    "point_motion",
+    "simulate_campaign",
+    "simulate_point",
+]
+
+RendererName = Literal["auto", "raytrace", "pyrender"]
+
+
+@dataclass(frozen=True, eq=False)
+class PointMotion:
+    """How the model moves at a point.
+
+    Attributes
+    ----------
+    motion, static : Motion
+        With vibration, and without.
+    force : Tones or None
+        The shaker's force [N]; None with the shaker off.
+    plane : "yaw", "pitch" or None
+        Plane of the force.
+    """
+
+    motion: Motion
+    static: Motion
+    force: Tones | None = None
+    plane: Plane | None = None
+
+
+@dataclass(frozen=True)
+class _Streams:
+    """The random streams of a point, independent of each other and of all other points."""
+
+    force: np.random.Generator
+    fields: np.random.Generator
+    acquisition: np.random.Generator
+
+
+def _seeded(seed: int, name: str) -> np.random.SeedSequence:
+    return np.random.SeedSequence([seed, *name.encode()])
+
+
+def _streams(point: Point, seed: int) -> _Streams:
+    return _Streams(*map(np.random.default_rng, _seeded(seed, f"point {point.name}").spawn(3)))
+
+
+def _static_pitch(campaign: Campaign, point: Point, seed: int) -> float:
+    rng = np.random.default_rng(_seeded(seed, f"run {point.run}"))
+    offset, change = rng.standard_normal(2) * (campaign.drift.run, campaign.drift.within_run)
+    return float(point.angle_rad + offset + (point.progress - 0.5) * change)
+
+
+def point_motion(
+    campaign: Campaign, point: Point, *, scene: Scene | None = None, seed: int = 0
+) -> PointMotion:
+    """Return how the model moves at a point, its shaker force scaled to the point's level."""
+    scene, model = scene or paper_scene(), campaign.model
+    static = StaticMotion(scene, _static_pitch(campaign, point, seed))
+    series = point.series
+    if series is None:
+        return PointMotion(static, static)
+    unit = series.force(_streams(point, seed).force)
+    moment = balance_moment(model, unit, modal_angles(model, unit, series.plane))
+    force = unit.scaled(point.moment_n_m / peak_to_peak(moment, duration_s=campaign.duration))
+    motion = ModalMotion(static, model, modal_angles(model, force, series.plane))
+    return PointMotion(motion, static, force, series.plane)
+
+
+def point_acquisition(
+    campaign: Campaign, point: Point, *, scene: Scene | None = None, seed: int = 0
+) -> Acquisition:
+    """Return the acquisition record of a point; no field is rendered."""
+    return _acquire(campaign, point, point_motion(campaign, point, scene=scene, seed=seed), seed)
+
+
+def _acquire(campaign: Campaign, point: Point, moved: PointMotion, seed: int) -> Acquisition:
+    return acquire(
+        campaign.model,
+        moved.motion,
+        moved.static,
+        force=moved.force,
+        plane=moved.plane,
+        recording=Recording(duration_s=campaign.duration),
+        rng=_streams(point, seed).acquisition,
+    )
+
+
+def simulate_point(
+    campaign: Campaign,
+    point: Point,
+    *,
+    renderer: Renderer,
+    scene: Scene | None = None,
+    seed: int = 0,
+) -> RecordedPoint:
+    """Film and acquire one point.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        Model, lengths and drift.
+    point : Point
+        One of its points.
+    renderer : Renderer
+        Of `scene`.
+    scene : Scene, optional
+        The test section; the paper's by default.
+    seed : int
+        Seed of the whole campaign.
+
+    Returns
+    -------
+    RecordedPoint
+        Fields, 28 channels, truth and description, on one trigger.
+    """
+    scene = scene or paper_scene()
+    moved = point_motion(campaign, point, scene=scene, seed=seed)
+    filmed = film(
+        scene,
+        moved.motion,
+        campaign.n_fields,
+        renderer=renderer,
+        rng=_streams(point, seed).fields,
+    )
+    acquired = _acquire(campaign, point, moved, seed)
+    trigger = campaign.start + datetime.timedelta(seconds=point.order * campaign.interval)
+    return RecordedPoint(
+        fields=filmed.fields,
+        info=replace(filmed.info, trigger_time=trigger.isoformat()),
+        acquisition=AcquisitionRecord(name=point.name, channels=acquired.channels),
+        truth={**filmed.truth, **acquired.truth},
+        meta=_meta(campaign, point, seed=seed, renderer=renderer.name),
+    )
+
+
+def _meta(
+    campaign: Campaign, point: Point, *, seed: int, renderer: str
+) -> dict[str, str | float | int]:
+    series = point.series
+    return {
+        "campaign": campaign.name,
+        "run": point.run,
+        "run_kind": point.run_kind,
+        "point": point.name,
+        "excitation": series.label if series else "off",
+        "excitation_plane": series.plane if series else "none",
+        "excitation_kind": series.kind if series else "off",
+        "nominal_moment_in_lb": round(point.moment_n_m * convert("N*m", "in*lbf"), 6),
+        "nominal_angle_deg": round(float(np.rad2deg(point.angle_rad)), 9),
+        "tunnel_temperature_K": campaign.temperature,
+        "versions": _versions(),
+        "seed": seed,
+        "renderer": renderer,
+    }
+
+
+def _versions() -> str:
+    try:
+        own = importlib.metadata.version("glint-aoa")
+    except importlib.metadata.PackageNotFoundError:  # run from its source tree
+        own = "not installed"
+    return f"glint-aoa {own}, numpy {np.__version__}"
+
+
+def simulate_campaign(
+    campaign: Campaign,
+    out_dir: str | Path,
+    *,
+    renderer: RendererName = "auto",
+    seed: int = 0,
+    jobs: int = 1,
+    scene: Scene | None = None,
+    overwrite: bool = False,
+) -> Iterator[Path]:
+    """Simulate a campaign and write each point as ``<point>.h5``.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        What to simulate; ``len(campaign.points)`` files.
+    out_dir : str or Path
+        Where to write; made if it is not there.
+    renderer : {"auto", "raytrace", "pyrender"}
+        Which renderer to use.
+    seed : int
+        The same seed and renderer give the same bits.
+    jobs : int
+        How many processes share the points.
+    scene : Scene, optional
+        The test section; the paper's by default.
+    overwrite : bool
+        Whether files of these names may be replaced.
+
+    Returns
+    -------
+    iterator of Path
+        Each file in the campaign's order, as soon as it is whole. The points are simulated as
+        the iterator is run.
+
+    Raises
+    ------
+    OutputError
+        At once if a file exists and `overwrite` is False, or the folder cannot be made.
+    MissingLibraryError
+        If the renderer asked for does not work here.
+    """
+    out_dir = _out_dir(Path(out_dir), campaign, overwrite=overwrite)
+    scene = scene or paper_scene()
+    _renderer(scene, renderer)
+    write = partial(
+        _write,
+        campaign,
+        out_dir=out_dir,
+        scene=scene,
+        renderer=renderer,
+        seed=seed,
+        overwrite=overwrite,
+    )
+    return _written(write, campaign.points, jobs)
+
+
+def _written(write: "partial[Path]", points: tuple[Point, ...], jobs: int) -> Iterator[Path]:
+    if jobs == 1:
+        yield from starmap(write, zip(points, strict=True))
+        return
+    # a fresh interpreter for each: forking is unsafe once threads run or OpenGL is in use
+    fresh = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(jobs, mp_context=fresh) as pool:
+        try:
+            yield from pool.map(write, points)
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _write(
+    campaign: Campaign,
+    point: Point,
+    *,
+    out_dir: Path,
+    scene: Scene,
+    renderer: RendererName,
+    seed: int,
+    overwrite: bool,
+) -> Path:
+    path = out_dir / f"{point.name}.h5"
+    recorded = simulate_point(
+        campaign, point, renderer=_renderer(scene, renderer), scene=scene, seed=seed
+    )
+    write_point(path, recorded, overwrite=overwrite)
+    return path
+
+
+@lru_cache(maxsize=1)
+def _renderer(scene: Scene, name: RendererName) -> Renderer:
+    """Make the renderer once in each process; OpenGL contexts and kernels are dear."""
+    return make_renderer(scene, name)
+
+
+def _out_dir(out_dir: Path, campaign: Campaign, *, overwrite: bool) -> Path:
+    try:
+        out_dir.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{out_dir}: the folder cannot be made ({error.strerror})") from None
+    there = [p.name for p in campaign.points if (out_dir / f"{p.name}.h5").exists()]
+    if there and not overwrite:
+        raise OutputError(
+            f"{out_dir}: {there[0]}.h5 exists already; choose another folder or allow overwriting"
+        )
+    return out_dir

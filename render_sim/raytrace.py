@@ -1,0 +1,187 @@
+"""The built-in renderer: rays cast at a cylinder, without OpenGL.
+
+Only where it matters. Every few dozen columns the radiance is cast on a grid much finer than a
+line in a band round the mirror line. Along that line the profile across it hardly changes, so the
+columns between are interpolated along the line (cubic), and the pixel's response, lens blur
+included, is integrated exactly for the interpolated profile. The matte part, smooth everywhere, is
+cast on a coarse grid; the body's upper and lower edges, known in closed form, cover their pixels
+exactly. `RaytraceRenderer.brute_force` casts every ray instead and is what the fast way is held
+against.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glint_aoa.errors import InputError
+from render_sim import _raytrace_kernel as kernel
+from render_sim.bodies import cylinder_hits
+from render_sim.light import lamp_samples, reflection
+from render_sim.mirror import mirror_points
+from render_sim.motion import StaticMotion
+from render_sim.projection import Pinhole, window_columns, window_lines
+from render_sim.renderer import (
+    edge_response,
+    exposure_gain,
+    integrate_lines,
+    pixel_response,
+    response_margin,
+)
+from render_sim.scene import Scene
+
+__all__ = ["RaytraceRenderer"]
+
+Floats = NDArray[np.float64]
+_NODE_SPACING = 47.0
+_SAMPLES_A_SIDE = 25
+_FAINT = 1e-5
+_PROBLEMS = {
+    1: "the body does not mirror the lamp into every column; move lamp or camera",
+    2: "the cylinder ends within the window, and the built-in renderer shows nothing else; "
+    "use the pyrender renderer",
+}
+
+
+class RaytraceRenderer:
+    """Renders a cylinder under a long lamp.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene; its body must be the built-in one.
+
+    Raises
+    ------
+    InputError
+        If the body is a mesh file.
+    """
+
+    name = "raytrace"
+
+    def __init__(self, scene: Scene) -> None:
+        if scene.body.mesh is not None:
+            raise InputError(
+                "the built-in renderer shows cylinders only; use the pyrender renderer for a mesh"
+            )
+        self._scene = scene
+        gain = exposure_gain(scene)
+        self._nodes, self._first, self._blend = _column_nodes(window_columns(scene))
+        self._per_line, self._half, self._weights = _profile_grid(scene)
+        self._edge = _edge_table(scene.optics.blur_lines)
+        camera, body, surface = Pinhole.of(scene), scene.body, scene.surface
+        self._stations = np.array([body.base_station_m, body.shoulder_station_m])
+        self._lens = (
+            camera.centre_m,
+            camera.rotation,
+            np.array([camera.fx, camera.fy, camera.u0, camera.v0]),
+            camera.distortion,
+        )
+        # the exposure's gain scales every source of light, so that images come in grey levels
+        self._lamp = lamp_samples(scene) * [1.0, 1.0, 1.0, gain]
+        self._lamp_line = np.array(scene.lamp.centre_m)
+        reflectance = [surface.roughness**2, surface.specular, surface.diffuse]
+        self._surface = np.array([*reflectance, surface.ambient * gain, surface.wall * gain])
+
+    def radiance(self, poses: Floats, *, parity: int = 0) -> Floats:
+        """Return one image a pose; see `Renderer.radiance`.
+
+        Raises
+        ------
+        InputError
+            If the cylinder ends within the window, or no lamp is mirrored in some column.
+        """
+        images, problem = kernel.fast_images(
+            np.ascontiguousarray(poses),
+            float(window_lines(self._scene, parity=parity)[0]),
+            self._scene.sensor.rows,
+            self._nodes,
+            self._blend,
+            self._first,
+            self._per_line,
+            self._half,
+            self._weights,
+            self._edge,
+            self._stations,
+            *self._lens,
+            self._lamp,
+            self._lamp_line,
+            self._surface,
+            self._scene.body.radius_m,
+        )
+        if problem:
+            raise InputError(_PROBLEMS[problem])
+        return np.asarray(images)
+
+    def brute_force(self, poses: Floats, *, parity: int = 0, subsamples: int = 16) -> Floats:
+        """Return the same images with every ray cast, `subsamples` a line; slow.
+
+        Here the cylinder has no ends.
+        """
+        blur = self._scene.optics.blur_lines
+        margin = response_margin(blur)
+        first = float(window_lines(self._scene, parity=parity)[0]) - 0.5 - margin
+        count = (self._scene.sensor.rows + 2 * margin) * subsamples
+        lines = first + (np.arange(count) + 0.5) / subsamples
+        columns = window_columns(self._scene)
+        scene = (*self._lens, self._lamp, self._surface, self._scene.body.radius_m)
+        fine = [kernel.fine_image(pose, columns, lines, *scene) for pose in poses]
+        return integrate_lines(np.array(fine), subsamples=subsamples, blur_lines=blur)
+
+
+def _column_nodes(columns: Floats) -> tuple[Floats, NDArray[np.int64], Floats]:
+    """Return node columns, and each column's first node and four weights (cubic Lagrange)."""
+    intervals = max(3, int(np.ceil((columns.size - 1) / _NODE_SPACING)))
+    span = max(columns[-1] - columns[0], 1.0)
+    nodes = columns[0] + span * np.arange(intervals + 1) / intervals
+    place = (columns - columns[0]) / span * intervals
+    first = np.clip(place.astype(np.int64) - 1, 0, intervals - 3)
+    x = (place - first)[:, None]
+    others = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]], dtype=np.float64)
+    own = np.arange(4.0)
+    blend = np.prod((x[..., None] - others) / (own[:, None] - others), axis=-1)
+    return nodes, first, blend
+
+
+def _profile_grid(scene: Scene) -> tuple[int, int, Floats]:
+    """Return samples a line, samples on either side of the mirror line, the response's weights.
+
+    The band reaches to where the glint is 1e-5 of its peak, with a fifth to spare.
+    """
+    blur = scene.optics.blur_lines
+    reach = 1.2 * _glint_reach(scene)
+    per_line = int(np.ceil(_SAMPLES_A_SIDE / reach))
+    half = int(np.ceil((reach + 0.5 + response_margin(blur)) * per_line)) + 2
+    return per_line, half, _response_weights(1.0 / per_line, blur)
+
+
+def _glint_reach(scene: Scene) -> float:
+    camera = Pinhole.of(scene)
+    pose = StaticMotion(scene).pose(np.zeros(()))
+    middle = window_columns(scene)[scene.sensor.columns // 2 : scene.sensor.columns // 2 + 1]
+    u, v = camera.project(mirror_points(scene, pose, middle))
+    offsets = np.linspace(-30.0, 30.0, 2401)
+    rays = camera.directions(u, v + offsets)
+    points, normals = cylinder_hits(scene.body.radius_m, pose, camera.centre_m, rays)
+    _, specular = reflection(scene, points, normals, camera.centre_m)
+    return float(np.max(np.abs(offsets[specular > _FAINT * np.nanmax(specular)])))
+
+
+def _edge_table(blur_lines: float) -> Floats:
+    reach = (0.5 + response_margin(blur_lines)) * kernel.EDGE_STEPS
+    return edge_response(np.arange(-reach, reach + 1) / kernel.EDGE_STEPS, blur_lines)
+
+
+def _response_weights(step: float, blur_lines: float) -> Floats:
+    """Return weights that integrate sampled values times the pixel's response.
+
+    Exact for the cubic that runs through neighbouring samples: each weight is the integral of the
+    response times a sample's cardinal function.
+    """
+    fine = 64
+    half = int(np.ceil((0.5 + response_margin(blur_lines)) / step)) + 2
+    x = np.abs((np.arange(-2 * fine, 2 * fine) + 0.5) / fine)
+    near = (1.0 - x**2) * (2.0 - x) / 2.0
+    cardinal = np.where(x < 1.0, near, (1.0 - x) * (2.0 - x) * (3.0 - x) / 6.0)
+    x = (np.arange(-2 * fine, 2 * fine) + 0.5) / fine
+    places = (np.arange(-half, half + 1)[:, None] + x) * step
+    weights = pixel_response(places, blur_lines) @ cardinal
+    return np.asarray(weights / weights.sum())

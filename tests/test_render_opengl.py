@@ -1,0 +1,106 @@
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from glint_aoa.errors import InputError, MissingLibraryError
+from render_sim.bodies import fuselage_mesh
+from render_sim.motion import StaticMotion
+from render_sim.raytrace import RaytraceRenderer
+from render_sim.renderer import make_renderer
+from render_sim.scene import Body, Scene, paper_scene
+
+
+def still(scene: Scene, pitch_deg: float = 0.0, yaw_deg: float = 0.0) -> np.ndarray:
+    motion = StaticMotion(scene, np.radians(pitch_deg), yaw_rad=np.radians(yaw_deg))
+    return motion.pose(np.zeros(1))
+
+
+def opengl(scene: Scene):
+    try:
+        return make_renderer(scene, "pyrender")
+    except MissingLibraryError as error:
+        pytest.skip(str(error))
+
+
+def centres(image: np.ndarray) -> np.ndarray:
+    rows = np.arange(image.shape[0], dtype=np.float64)[:, None]
+    near = np.abs(rows - image.argmax(axis=0)) <= 7
+    weights = (image - image[-5:].mean()) * near
+    return (rows * weights).sum(axis=0) / weights.sum(axis=0)
+
+
+def angle_deg(centre: np.ndarray) -> float:
+    slope = np.polyfit(np.arange(centre.size), centre, 1)[0]
+    return float(np.degrees(np.arctan(slope * 27.5 / 11.7)))
+
+
+@pytest.mark.parametrize(("pitch", "yaw", "parity"), [(0.0, 0.0, 0), (5.0, 0.0, 1), (-6.0, 0.7, 0)])
+def test_both_renderers_show_the_same_glint(pitch, yaw, parity):
+    scene = paper_scene()
+    pose = still(scene, pitch, yaw)
+    drawn = opengl(scene).radiance(pose, parity=parity)[0]
+    traced = RaytraceRenderer(scene).radiance(pose, parity=parity)[0]
+    np.testing.assert_allclose(centres(drawn), centres(traced), atol=2e-3, rtol=0)
+    assert angle_deg(centres(drawn)) == pytest.approx(angle_deg(centres(traced)), abs=1e-4)
+    np.testing.assert_allclose(drawn, traced, atol=0.6, rtol=0)
+
+
+def test_a_turned_camera_shows_the_same_glint():
+    scene = paper_scene()
+    turned = {"rotation": (0.01, -0.015, 0.02), "principal_point": (380.0, 100.0)}
+    scene = replace(scene, camera=scene.camera.model_copy(update=turned)).with_window(90, 92)
+    pose = still(scene, 2.0)
+    drawn = opengl(scene).radiance(pose)[0]
+    traced = RaytraceRenderer(scene).radiance(pose)[0]
+    np.testing.assert_allclose(centres(drawn), centres(traced), atol=2e-3, rtol=0)
+
+
+def test_a_mesh_file_is_drawn_as_the_same_body_built_in(tmp_path):
+    path = tmp_path / "body.ply"
+    fuselage_mesh(Body()).export(path)
+    scene = paper_scene().with_window(126, 30)
+    renderer = opengl(replace(scene, body=Body(mesh=path)))
+    built_in = opengl(scene).radiance(still(scene, 1.0))
+    np.testing.assert_allclose(renderer.radiance(still(scene, 1.0)), built_in, atol=0.05)
+
+
+def test_several_renderers_live_side_by_side():
+    scene = paper_scene().with_window(126, 20)
+    first, second = opengl(scene), opengl(scene)
+    before = first.radiance(still(scene))
+    del second
+    assert np.array_equal(first.radiance(still(scene)), before)
+
+
+def test_distortion_is_refused():
+    scene = paper_scene()
+    camera = scene.camera.model_copy(update={"distortion": (0.1, 0, 0, 0, 0)})
+    with pytest.raises(InputError, match=r"^the pyrender renderer cannot show camera\.distortion"):
+        make_renderer(replace(scene, camera=camera), "pyrender")
+
+
+def test_missing_opengl_libraries_are_named():
+    program = """
+import ctypes
+load = ctypes.CDLL.__init__
+def refuse(self, name, *args, **kwargs):
+    if name and "GL" in str(name):
+        raise OSError(f"{name}: cannot open shared object file")
+    load(self, name, *args, **kwargs)
+ctypes.CDLL.__init__ = refuse
+from glint_aoa.errors import MissingLibraryError
+from render_sim.renderer import make_renderer
+from render_sim.scene import paper_scene
+try:
+    make_renderer(paper_scene(), "pyrender")
+except MissingLibraryError as error:
+    print(error)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    expected = "the pyrender renderer needs OpenGL; install libegl1 and libgl1, or use raytrace"
+    assert done.stdout.strip() == expected

@@ -1,0 +1,213 @@
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from glint_aoa.errors import InputError
+from render_sim.bodies import cylinder_hits, fuselage_mesh
+from render_sim.light import lamp_samples, radiance, reflection
+from render_sim.motion import StaticMotion
+from render_sim.projection import Pinhole, window_columns, window_lines
+from render_sim.raytrace import RaytraceRenderer
+from render_sim.renderer import (
+    edge_response,
+    exposure_gain,
+    integrate_lines,
+    make_renderer,
+    pixel_response,
+    response_margin,
+)
+from render_sim.scene import Body, Scene, paper_scene
+
+LENS = (-0.2, 0.1, 5e-4, -5e-4, 0.0)
+
+
+def still(scene: Scene, pitch_deg: float = 0.0, yaw_deg: float = 0.0) -> np.ndarray:
+    motion = StaticMotion(scene, np.radians(pitch_deg), yaw_rad=np.radians(yaw_deg))
+    return motion.pose(np.zeros(1))
+
+
+def small_scene(columns: int = 12) -> Scene:
+    scene = paper_scene()
+    fields = scene.fields.model_copy(update={"first_column": 370})
+    return replace(scene, fields=fields, sensor=replace(scene.sensor, columns=columns))
+
+
+def centres(image: np.ndarray) -> np.ndarray:
+    """Column centroids above the level of the window's end [lines]."""
+    rows = np.arange(image.shape[0], dtype=np.float64)[:, None]
+    near = np.abs(rows - image.argmax(axis=0)) <= 7
+    weights = (image - image[-5:].mean()) * near
+    return (rows * weights).sum(axis=0) / weights.sum(axis=0)
+
+
+@pytest.mark.parametrize(
+    ("pitch", "yaw", "parity", "lens"),
+    [
+        (0.0, 0.0, 0, (0.0,) * 5),
+        (5.0, 0.0, 1, (0.0,) * 5),
+        (-6.0, 0.7, 0, (0.0,) * 5),
+        (4.3, 0, 0, LENS),
+    ],
+)
+def test_fast_image_is_the_brute_force_image(pitch, yaw, parity, lens):
+    scene = paper_scene()
+    scene = replace(scene, camera=scene.camera.model_copy(update={"distortion": lens}))
+    renderer = RaytraceRenderer(scene)
+    pose = still(scene, pitch, yaw)
+    fast = renderer.radiance(pose, parity=parity)[0]
+    slow = renderer.brute_force(pose, parity=parity, subsamples=8)[0]
+    np.testing.assert_allclose(centres(fast), centres(slow), atol=5e-4, rtol=0)
+    # the largest differences are where the body's edge, grazed, is interpolated
+    np.testing.assert_allclose(fast, slow, atol=0.5, rtol=0)
+    assert np.sqrt(np.mean((fast - slow) ** 2)) < 0.05
+
+
+def test_brute_force_is_the_formula_of_light():
+    scene = small_scene()
+    pose = still(scene, 4.0, 0.5)
+    camera = Pinhole.of(scene)
+    margin = response_margin(scene.optics.blur_lines)
+    lines = window_lines(scene)[0] - 0.5 - margin + (np.arange((92 + 2 * margin) * 4) + 0.5) / 4
+    rays = camera.directions(window_columns(scene), lines[:, None])
+    points, normals = cylinder_hits(scene.body.radius_m, pose[0], camera.centre_m, rays)
+    hit = np.isfinite(points[..., 0])
+    fine = np.full(hit.shape, scene.surface.wall)
+    fine[hit] = radiance(scene, points[hit], normals[hit], camera.centre_m)
+    expected = integrate_lines(fine, subsamples=4, blur_lines=scene.optics.blur_lines)
+    image = RaytraceRenderer(scene).brute_force(pose, subsamples=4)[0]
+    np.testing.assert_allclose(image, expected * exposure_gain(scene), atol=1e-5)
+
+
+def test_lamp_samples_are_dense_enough():
+    scene = small_scene()
+    pose = still(scene, 3.0)
+    camera = Pinhole.of(scene)
+    rays = camera.directions(375.0, np.arange(120.0, 160.0))
+    points, normals = cylinder_hits(0.06, pose[0], camera.centre_m, rays)
+    _, usual = reflection(scene, points, normals, camera.centre_m)
+    short = replace(scene.lamp, length_m=scene.lamp.length_m / 120)
+    parts = []
+    for n in range(120):  # pieces so short that each is one sample along its length
+        x = scene.lamp.length_m * ((n + 0.5) / 120 - 0.5)
+        piece = replace(short, centre_m=(x, *scene.lamp.centre_m[1:]))
+        one = replace(scene, lamp=piece)
+        parts.append(reflection(one, points, normals, camera.centre_m)[1])
+    np.testing.assert_allclose(usual, np.sum(parts, axis=0), atol=5e-5 * usual.max())
+
+
+def test_lamp_samples_add_up_to_the_lamp():
+    scene = paper_scene()
+    samples = lamp_samples(scene)
+    lamp = scene.lamp
+    assert samples[:, 3].sum() == pytest.approx(lamp.length_m * lamp.width_m * lamp.radiance)
+    np.testing.assert_allclose(samples[:, :3].mean(axis=0), lamp.centre_m, atol=1e-12)
+
+
+def test_reflection_of_a_large_lamp_is_the_mirror_reflectance():
+    # a smooth surface that mirrors the middle of an even, endless lamp shows specular * radiance
+    scene = paper_scene()
+    scene = replace(
+        scene,
+        lamp=replace(scene.lamp, centre_m=(0.0, 0.0, 1.5), width_m=1.5),
+        surface=replace(scene.surface, diffuse=0.0, roughness=0.02),
+    )
+    half = np.sqrt(0.5)
+    level = radiance(
+        scene,
+        np.array([[0.0, 0.0, 0.0]]),
+        np.array([[0.0, -half, half]]),
+        np.array([0.0, -1.5, 0.0]),
+    )
+    assert level[0] == pytest.approx(scene.surface.specular, rel=0.01)
+
+
+def test_odd_field_is_seen_half_a_line_lower():
+    scene = small_scene()
+    lifted = scene.camera.model_copy(update={"principal_point": (375.5, 119.0)})
+    odd = RaytraceRenderer(scene).radiance(still(scene, 2.0), parity=1)
+    even = RaytraceRenderer(replace(scene, camera=lifted)).radiance(still(scene, 2.0))
+    np.testing.assert_allclose(odd, even, atol=1e-9)
+
+
+def test_narrow_window_shows_part_of_the_wide_one():
+    wide = paper_scene()
+    narrow = wide.with_window(130, 20)
+    pose = still(wide, 6.0)  # the glint leaves the narrow window at both ends
+    part = RaytraceRenderer(wide).radiance(pose)[0, 32:52]
+    np.testing.assert_allclose(RaytraceRenderer(narrow).radiance(pose)[0], part, atol=0.3)
+
+
+def test_brightest_pixel_reaches_the_peak_level():
+    scene = paper_scene()
+    image = RaytraceRenderer(scene).radiance(still(scene))[0] + scene.sensor.black_level
+    assert image.max() == pytest.approx(170.0, abs=4.0)  # as the line lies between the pixels
+    assert 20 < image[60:].min() < image[60:].max() < 30
+
+
+def test_glint_is_as_wide_as_in_the_paper():
+    image = RaytraceRenderer(paper_scene()).radiance(still(paper_scene(), 5.0))[0][:, 375]
+    peak = int(image.argmax())
+    rows = np.arange(peak - 3, peak + 4)
+    curvature = np.polyfit(rows - peak, np.log(image[rows] - 16.0), 2)[0]
+    assert np.sqrt(-0.5 / curvature) == pytest.approx(1.4, abs=0.05)
+
+
+def test_rendering_is_reproducible_to_the_bit():
+    scene = small_scene()
+    poses = np.concatenate([still(scene, 1.0), still(scene, 1.1)])
+    first = RaytraceRenderer(scene).radiance(poses)
+    assert np.array_equal(first, RaytraceRenderer(scene).radiance(poses))
+    assert np.array_equal(first[1:], RaytraceRenderer(scene).radiance(poses[1:]))
+
+
+@pytest.mark.parametrize("blur", [0.0, 0.3, 1.0])
+def test_edge_response_is_the_integral_of_the_pixels(blur):
+    for offset in (-1.3, -0.5, 0.0, 0.2, 2.0):
+        area, _ = quad(pixel_response, -8.0, offset, args=(blur,), points=[-0.5, 0.5], limit=200)
+        assert edge_response(offset, blur) == pytest.approx(area, abs=1e-7)
+
+
+def test_integrating_an_even_image_changes_nothing():
+    margin = response_margin(0.5)
+    fine = np.full(((4 + 2 * margin) * 8, 3), 7.0)
+    np.testing.assert_allclose(
+        integrate_lines(fine, subsamples=8, blur_lines=0.5), np.full((4, 3), 7.0)
+    )
+
+
+def test_fuselage_is_a_tube_with_an_ogive_nose():
+    body = Body()
+    mesh = fuselage_mesh(body, sides=64)
+    assert mesh.bounds[:, 0] == pytest.approx([body.base_station_m, body.nose_station_m], abs=1e-6)
+    tube = mesh.vertices[:, 0] <= body.shoulder_station_m
+    np.testing.assert_allclose(np.linalg.norm(mesh.vertices[tube, 1:], axis=1), 0.06)
+    np.testing.assert_allclose(mesh.vertex_normals[tube, 0], 0.0, atol=1e-12)
+    outward = np.sum(mesh.face_normals * mesh.vertex_normals[mesh.faces[:, 0]], axis=1)
+    assert outward.min() > 0.9
+
+
+def test_unreadable_mesh_is_refused(tmp_path):
+    path = tmp_path / "body.stl"
+    with pytest.raises(InputError, match=f"^{re.escape(str(path))}: the mesh cannot be read"):
+        fuselage_mesh(Body(mesh=path))
+
+
+def test_mesh_needs_the_other_renderer():
+    scene = replace(paper_scene(), body=Body(mesh=Path("body.stl")))
+    with pytest.raises(InputError, match=r"^the built-in renderer shows cylinders only; use the"):
+        make_renderer(scene, "raytrace")
+
+
+def test_cylinder_that_ends_in_the_window_is_refused():
+    scene = replace(paper_scene(), body=Body(shoulder_station_m=0.5))
+    with pytest.raises(InputError, match=r"^the cylinder ends within the window"):
+        make_renderer(scene).radiance(still(scene))
+
+
+def test_unknown_renderer_is_refused():
+    with pytest.raises(InputError, match=r"^unknown renderer 'blender'; choose auto, raytrace or"):
+        make_renderer(paper_scene(), "blender")
