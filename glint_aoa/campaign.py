@@ -1,0 +1,191 @@
+"""Many points together: a sweep to calibrate with, and runs to hold optical against inertial."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calibration.sweep import DEFAULT_ONBOARD_STD_DEG, PitchSweep, Provenance, fit_sweep
+from glint_aoa.benchmark import BenchmarkPoint, moment_peak_to_peak_in_lb
+from glint_aoa.errors import CalibrationError, RecordingError
+from glint_aoa.flags import Flag
+from glint_aoa.inertial.correct import correct
+from glint_aoa.inertial.static import static_angle
+from glint_aoa.process import measure_point, process_point
+from glint_aoa.records.acquisition import AcquisitionRecord
+from glint_aoa.records.formats import open_fields
+from glint_aoa.records.formats.hdf5 import read_acquisition
+from glint_aoa.setup import Setup
+
+__all__ = ["calibrate_sweep", "compare_points"]
+
+_SAME_ANGLE_DEG = 0.1  # a run whose nominal angles differ by more is a sweep
+
+
+def calibrate_sweep(
+    paths: Sequence[str | Path],
+    setup: Setup,
+    *,
+    degree: int | None = None,
+    onboard_accuracy_deg: float = 0.0,
+    progress: Callable[[Path], None] | None = None,
+) -> PitchSweep:
+    """Calibrate the optical angle against the onboard sensor over the points of a no-flow sweep.
+
+    Parameters
+    ----------
+    paths : sequence of str or Path
+        Recorded points with fields and the package's output, the model at rest.
+    setup : Setup
+        The setup; a sweep that it names is not applied.
+    degree : int, optional
+        Degree of the polynomial; chosen by information criterion if not given.
+    onboard_accuracy_deg : float, optional
+        Error that all onboard angles share, 1 sigma [deg].
+    progress : callable, optional
+        Called with each path once its point is measured.
+
+    Returns
+    -------
+    PitchSweep
+        The calibration.
+
+    Raises
+    ------
+    CalibrationError
+        If a point shows no glint, or the points do not determine the polynomial.
+    InputError
+        If a recording or the setup cannot be used.
+    """
+    optical, onboard = [], []
+    for path in map(Path, paths):
+        row = measure_point(open_fields(path), setup).log
+        if not row["n_used"]:
+            raise CalibrationError(f"{path}: no field could be measured; leave the point out")
+        optical.append((row["mean_angle_deg"], row["mean_angle_std_deg"]))
+        onboard.append(static_angle(read_acquisition(path, setup.inertial)))
+        if progress is not None:
+            progress(path)
+    angles, stds = np.array(optical).reshape(-1, 2).T
+    onboard_angles, onboard_stds = np.array(onboard).reshape(-1, 2).T
+    return fit_sweep(
+        angles,
+        stds,
+        onboard_angles,
+        np.where(onboard_stds > 0, onboard_stds, DEFAULT_ONBOARD_STD_DEG),
+        degree=degree,
+        onboard_accuracy_deg=onboard_accuracy_deg,
+        provenance=Provenance(files=tuple(Path(p).name for p in paths), setup_hash=setup.hash),
+    )
+
+
+def compare_points(
+    paths: Sequence[str | Path],
+    setup: Setup,
+    out: str | Path,
+    *,
+    overwrite: bool = False,
+    progress: Callable[[Path], None] | None = None,
+) -> list[BenchmarkPoint]:
+    """Process recorded points and hold their optical angles beside the inertial ones.
+
+    Points of a sweep, a run whose nominal angle changes, are left out.
+
+    Parameters
+    ----------
+    paths : sequence of str or Path
+        Recorded points with fields, acquisition channels and what the shaker did; those of a
+        run in the order in which they were taken.
+    setup : Setup
+        The setup; the inertial angle is corrected if it lists modes.
+    out : str or Path
+        Folder of the optical results, as for `process_point`.
+    overwrite : bool, optional
+        Whether results of the same names may be replaced.
+    progress : callable, optional
+        Called with each path once its point is compared.
+
+    Returns
+    -------
+    list of BenchmarkPoint
+        For `glint_aoa.benchmark.point_errors` and the like.
+
+    Raises
+    ------
+    InputError
+        If a recording or the setup cannot be used.
+    """
+    told = {Path(path): _excitation(Path(path), open_fields(path).meta) for path in paths}
+    compared = []
+    for path, what in told.items():
+        if what["run"] not in _sweeps(told.values()):
+            compared.append(_compare_point(path, what, setup, Path(out), overwrite=overwrite))
+        if progress is not None:
+            progress(path)
+    return compared
+
+
+def _sweeps(told: Iterable[Mapping[str, Any]]) -> set[str]:
+    """Find the runs whose nominal angle changes from point to point."""
+    angles: dict[str, list[float]] = {}
+    for what in told:
+        if what["nominal_angle_deg"] is not None:
+            angles.setdefault(what["run"], []).append(what["nominal_angle_deg"])
+    return {run for run, each in angles.items() if max(each) - min(each) > _SAME_ANGLE_DEG}
+
+
+def _compare_point(
+    path: Path, what: Mapping[str, Any], setup: Setup, out: Path, *, overwrite: bool
+) -> BenchmarkPoint:
+    record = read_acquisition(path, setup.inertial)
+    row = process_point(path, setup, out, overwrite=overwrite).log
+    raw, corrected = _inertial_angles(record, setup)
+    return BenchmarkPoint(
+        **what,
+        moment_in_lb_pp=moment_peak_to_peak_in_lb(record, what["plane"]),
+        optical_deg=row["mean_angle_deg"],
+        optical_std_deg=row["std_angle_deg"],
+        intercept_mm=row["mean_intercept_mm"],
+        intercept_std_mm=row["std_intercept_mm"],
+        inertial_deg=raw,
+        corrected_deg=corrected,
+        flags=row["flags"],
+    )
+
+
+def _inertial_angles(record: AcquisitionRecord, setup: Setup) -> tuple[float, float | None]:
+    """Mean raw and corrected angle [deg] where the low-pass has settled."""
+    if not setup.inertial.mode:
+        return static_angle(record)[0], None
+    rows = correct(record, setup.inertial)
+    settled = (rows.flags & int(Flag.FILTER_SETTLING)) == 0
+    if not settled.any():
+        settled = np.ones_like(settled)
+    return (
+        float(rows.raw_angle_deg[settled].mean()),
+        float(rows.angle_deg[settled].mean()),
+    )
+
+
+def _excitation(path: Path, meta: Mapping[str, object]) -> dict[str, Any]:
+    """Read from the point's description what run it is of, and what the shaker did."""
+    missing = [key for key in ("run", "point", "excitation") if key not in meta]
+    if missing:
+        raise RecordingError(
+            f"{path}: /meta does not say {' and '.join(missing)}; "
+            "a comparison needs run, point and excitation of each point"
+        )
+    words = str(meta["excitation"]).lower()
+    off = words in {"off", "none", "shaker off"}
+    plane = next((word for word in ("yaw", "pitch") if word in words), "none")
+    kind = next((word for word in ("modulated sine", "random") if word in words), "sine")
+    nominal = meta.get("nominal_angle_deg")
+    return {
+        "run": str(meta["run"]),
+        "point": str(meta["point"]),
+        "excitation": str(meta["excitation"]),
+        "plane": str(meta.get("excitation_plane", "none" if off else plane)),
+        "kind": str(meta.get("excitation_kind", "off" if off else kind)),
+        "nominal_angle_deg": float(nominal) if isinstance(nominal, int | float) else None,
+    }

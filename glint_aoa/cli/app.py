@@ -1,0 +1,86 @@
+"""The program ``glint-aoa``: its commands, and how every error ends."""
+
+import os
+import sys
+from typing import Annotated
+
+import typer
+
+from glint_aoa._version import __version__
+from glint_aoa.cli import calibrate
+from glint_aoa.cli.benchmark import benchmark
+from glint_aoa.cli.correct import correct
+from glint_aoa.cli.demo import demo
+from glint_aoa.cli.inspect import inspect
+from glint_aoa.cli.process import process
+from glint_aoa.cli.simulate import simulate
+from glint_aoa.errors import GlintError
+
+__all__ = ["app", "main"]
+
+_DEBUG = "GLINT_AOA_DEBUG"
+
+app = typer.Typer(
+    name="glint-aoa",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+app.command("demo")(demo)
+app.command("simulate")(simulate)
+app.command("process")(process)
+app.add_typer(calibrate.app, name="calibrate")
+app.command("correct")(correct)
+app.command("benchmark")(benchmark)
+app.command("inspect")(inspect)
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"glint-aoa {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _program(
+    version: Annotated[  # noqa: ARG001  its callback acts
+        bool,
+        typer.Option("--version", callback=_show_version, is_eager=True, help="Say the version."),
+    ] = False,
+    debug: Annotated[bool, typer.Option("--debug", help="Show tracebacks.")] = False,
+) -> None:
+    """Attitude of a wind-tunnel model from video of a glint, held against its inertial sensor.
+
+    Example: glint-aoa process point-01.h5 --setup glint-aoa.toml --out results
+    """
+    if debug:
+        os.environ[_DEBUG] = "1"
+
+
+def main() -> None:
+    """Run the program; bad input ends in one sentence on stderr and exit code 2."""
+    try:
+        app()
+    except GlintError as error:
+        if os.environ.get(_DEBUG):
+            raise
+        _end(str(error), 2)
+    except BrokenPipeError:  # the reader of our output left; that is its right
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(0)
+    except KeyboardInterrupt:
+        _end("stopped; what was written before is whole", 130)
+    except Exception as error:
+        if os.environ.get(_DEBUG):
+            raise
+        _end(
+            f"an error of the program itself ({type(error).__name__}: {error}); "
+            "run it again with --debug and report what it prints",
+            1,
+        )
+
+
+def _end(sentence: str, code: int) -> None:
+    typer.echo(f"glint-aoa: {sentence}", err=True)
+    sys.exit(code)

@@ -1,0 +1,98 @@
+"""``glint-aoa calibrate``: what turns a camera and a tunnel into a setup that can be trusted."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from glint_aoa.cli._common import Json, Overwrite, Points, SetupFile, bar, print_json, table
+
+__all__ = ["app"]
+
+_SUSPICIOUS = 3.0  # reduced chi-square at which the user should look at the residuals
+
+app = typer.Typer(
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    help="Calibrate the optical angle.",
+)
+
+
+@app.callback()
+def _calibrations() -> None:
+    """Calibrate the optical angle.
+
+    Example: glint-aoa calibrate sweep sweep-*.h5 --setup glint-aoa.toml --out sweep.toml
+    """
+
+
+@app.command("sweep")
+def sweep(
+    points: Points,
+    setup: SetupFile = Path("glint-aoa.toml"),
+    out: Annotated[Path, typer.Option("--out", "-o", help="Calibration file to write.")] = Path(
+        "sweep.toml"
+    ),
+    degree: Annotated[
+        int | None,
+        typer.Option(min=1, help="Degree of the polynomial; chosen from the points if not given."),
+    ] = None,
+    accuracy: Annotated[
+        float,
+        typer.Option(min=0.0, help="Onboard error that all points share, 1 sigma [deg]."),
+    ] = 0.0,
+    overwrite: Overwrite = False,
+    as_json: Json = False,
+) -> None:
+    """Fit the onboard sensor's angle to the optical one over a no-flow pitch sweep.
+
+    The model must be at rest. Name the written file in the setup to apply it:
+    [calibration] sweep = "sweep.toml". A picture of the residuals is written beside it.
+
+    Example: glint-aoa calibrate sweep sweep-*.h5 --setup glint-aoa.toml --out sweep.toml
+    """
+    from glint_aoa.campaign import calibrate_sweep
+    from glint_aoa.report.figures import save_figure, sweep_figure
+    from glint_aoa.setup import load_setup
+
+    settings = load_setup(setup)
+    with bar(len(points)) as advance:
+        fitted = calibrate_sweep(
+            points,
+            settings,
+            degree=degree,
+            onboard_accuracy_deg=accuracy,
+            progress=lambda path: advance(1, path.stem),
+        )
+    fitted.save(out, overwrite=overwrite)
+    picture = out.with_suffix(".png")
+    save_figure(sweep_figure(fitted), picture, overwrite=overwrite)
+    if as_json:
+        print_json(
+            {
+                "file": out,
+                "picture": picture,
+                "degree": fitted.degree,
+                "range_deg": fitted.range_deg,
+                "residuals_deg": fitted.residuals_deg.tolist(),
+                "reduced_chi_square": fitted.reduced_chi_square,
+            }
+        )
+        return
+    rows = [
+        [path.stem, f"{optical:.4f}", f"{onboard:.4f}", f"{residual:+.4f}"]
+        for path, optical, onboard, residual in zip(
+            points, fitted.optical_deg, fitted.onboard_deg, fitted.residuals_deg, strict=True
+        )
+    ]
+    table(["point", "optical [deg]", "onboard [deg]", "residual"], rows)
+    ratio = fitted.reduced_chi_square
+    typer.echo(f"\nDegree {fitted.degree}, wrote {out} and {picture}")
+    if settings.calibration.sweep is None:
+        typer.echo(f'To apply it, add to {setup}:\n\n[calibration]\nsweep = "{out.name}"')
+    if ratio is not None and ratio > _SUSPICIOUS:
+        typer.echo(
+            f"The residuals are {ratio**0.5:.1f} times what the points' noise explains; "
+            f"look at {picture}",
+            err=True,
+        )

@@ -1,0 +1,143 @@
+"""``glint-aoa inspect``: what is in a recording."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from glint_aoa.cli._common import Json, Overwrite, print_json
+
+__all__ = ["inspect"]
+
+_LEVELS = 16  # bars of the exposure histogram
+
+
+def inspect(
+    recording: Annotated[Path, typer.Argument(help="A recorded point.", show_default=False)],
+    setup: Annotated[
+        Path | None, typer.Option("--setup", "-s", help="Setup file, if there is one.")
+    ] = None,
+    png: Annotated[
+        Path | None, typer.Option(help="Picture to write: the middle field, its line over it.")
+    ] = None,
+    overwrite: Overwrite = False,
+    as_json: Json = False,
+) -> None:
+    """Say what a recording holds: shape, timing, exposure, channels, and where the glint is.
+
+    Example: glint-aoa inspect point-01.h5 --setup glint-aoa.toml --png point-01.png
+    """
+    from glint_aoa.records.formats import open_fields
+    from glint_aoa.setup import Setup, load_setup
+
+    settings = Setup() if setup is None else load_setup(setup)
+    stack = open_fields(recording)
+    found = {
+        "file": recording,
+        **_shape(stack),
+        **_exposure(stack),
+        **_glint(stack, settings, png, overwrite),
+        "channels": _channels(recording),
+    }
+    if as_json:
+        print_json(found)
+        return
+    histogram = found.pop("histogram")
+    for key, value in found.items():
+        if value not in (None, [], ""):
+            typer.echo(f"{key.replace('_', ' '):22}{_words(value)}")
+    typer.echo(f"{'histogram':22}{_bars(histogram)}  (grey levels 0 to white, log scale)")
+
+
+def _shape(stack: Any) -> dict[str, Any]:
+    from dataclasses import asdict
+
+    return {
+        "format": stack.path.suffix.lstrip("."),
+        "fields": stack.n_fields,
+        "columns": stack.n_columns,
+        "lines": stack.n_lines,
+        "data_type": str(stack.dtype),
+        "white_level": stack.white_level,
+        **asdict(stack.info),
+        "timestamps": stack.times_s is not None,
+        **{key: value for key, value in stack.meta.items() if key != "versions"},
+    }
+
+
+def _sample(stack: Any) -> Any:
+    import numpy as np
+
+    step = max(1, stack.n_fields // 8)
+    return np.concatenate([stack.read(k, k + 1) for k in range(0, stack.n_fields, step)])
+
+
+def _exposure(stack: Any) -> dict[str, Any]:
+    import numpy as np
+
+    sample = _sample(stack)
+    count, _ = np.histogram(sample, bins=_LEVELS, range=(0, stack.white_level + 1))
+    return {
+        "darkest_level": int(sample.min()),
+        "median_level": float(np.median(sample)),
+        "brightest_level": int(sample.max()),
+        "clipped_share": float((sample >= stack.white_level).mean()),
+        "histogram": (count / count.sum()).tolist(),
+    }
+
+
+def _glint(stack: Any, settings: Any, png: Path | None, overwrite: bool) -> dict[str, Any]:
+    """Measure the middle field with what is known; without a field rate, as if it were 1 Hz."""
+    import numpy as np
+
+    from glint_aoa.flags import describe
+    from glint_aoa.process import measure_point
+    from glint_aoa.report.figures import measured_field, save_figure
+
+    if stack.info.rate_hz is None and settings.fields.rate is None:
+        fields = settings.fields.model_copy(update={"rate": 1.0})
+        settings = settings.model_copy(update={"fields": fields})
+    result = measure_point(stack, settings)
+    middle = stack.n_fields // 2
+    rows = result.angles.centre_row[middle]
+    there = np.isfinite(rows)
+    if png is not None:
+        save_figure(measured_field(stack, result, middle), png, overwrite=overwrite)
+    return {
+        "glint_found": bool(there.any()),
+        "glint_rows": [float(rows[there].min()), float(rows[there].max())] if there.any() else None,
+        "glint_half_width": result.measurement.shape.half_width if there.any() else None,
+        "angle_deg": float(result.record["angle_deg"][middle]),
+        "angle_std_deg": float(result.record["angle_std_deg"][middle]),
+        "flags": describe(result.flags),
+        "picture": png,
+    }
+
+
+def _channels(recording: Path) -> list[str]:
+    from glint_aoa.records.formats.hdf5 import has_acquisition, read_acquisition
+
+    if recording.suffix.lower() not in {".h5", ".hdf5"} or not has_acquisition(recording):
+        return []
+    channels = read_acquisition(recording).channels.values()
+    return [f"{c.name} [{c.units or '?'}] {len(c)} at {c.rate_hz:g} Hz" for c in channels]
+
+
+def _words(value: Any) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, list):
+        separator = f"\n{'':22}"
+        return separator.join(_words(each) for each in value)
+    return str(value)
+
+
+def _bars(shares: list[float]) -> str:
+    import math
+
+    steps = " ▁▂▃▄▅▆▇█"
+    least = 1e-5
+    heights = [max(0.0, 1 + math.log10(max(s, least)) / 5) * (len(steps) - 1) for s in shares]
+    return "".join(steps[math.ceil(height)] for height in heights)
