@@ -25,7 +25,6 @@ class Flag(IntFlag):
     FILTER_SETTLING = 1 << 10
     UNCERTAIN_CORRECTION = 1 << 11
     FEW_FIELDS = 1 << 12
-    ALIASED = 1 << 13
 
 
 _MEANINGS = {
@@ -42,7 +41,6 @@ _MEANINGS = {
     Flag.FILTER_SETTLING: "the low-pass filter has not settled here",
     Flag.UNCERTAIN_CORRECTION: "the correction leaves more than it can vouch for",
     Flag.FEW_FIELDS: "fewer than half of the fields could be used",
-    Flag.ALIASED: "the model moved faster than the fields can follow",
 }
 
 REJECTING = Flag.NO_GLINT | Flag.FEW_COLUMNS | Flag.POOR_LINE

@@ -94,15 +94,16 @@ def _simulate(
 
 
 def _picture(runs: list[Path], settings: Any, target: Path, overwrite: bool) -> Path:
-    """Draw a field of the point that shook most."""
+    """Draw a field of the point that shook most at the steepest angle."""
     from glint_aoa.process import load_sweep, measure_point
     from glint_aoa.records.formats import open_fields
     from glint_aoa.report.figures import measured_field, save_figure
 
-    def moment(path: Path) -> float:
-        return float(str(open_fields(path).meta["nominal_moment_in_lb"]))
+    def angle_and_moment(path: Path) -> tuple[float, ...]:
+        meta = open_fields(path).meta
+        return tuple(float(str(meta[f"nominal_{key}"])) for key in ("angle_deg", "moment_in_lb"))
 
-    stack = open_fields(max(runs, key=moment))
+    stack = open_fields(max(runs, key=angle_and_moment))
     result = measure_point(stack, settings, sweep=load_sweep(settings))
     save_figure(measured_field(stack, result, 0), target, overwrite=overwrite)
     return target

@@ -1,0 +1,1 @@
+"""Speed and precision of the measurement, as ratios within one run: ``make bench``."""

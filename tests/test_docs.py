@@ -1,0 +1,104 @@
+"""What the documents say is what the program does."""
+
+import re
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from synthetic import line_fields
+
+from glint_aoa.flags import Flag, describe
+from glint_aoa.records.angles import FIELD_COLUMNS, LOG_COLUMNS
+from glint_aoa.records.fields import FieldInfo
+from glint_aoa.records.points import RecordedPoint, write_point
+from glint_aoa.setup import Setup, load_setup
+
+ROOT = Path(__file__).parents[1]
+DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+
+
+def blocks(path, language):
+    return re.findall(rf"^```{language}\n(.*?)^```", path.read_text(), re.MULTILINE | re.DOTALL)
+
+
+SETUPS = [(path.name, text) for path in DOCUMENTS for text in blocks(path, "toml")]
+
+
+@pytest.mark.parametrize(("name", "text"), SETUPS, ids=[name for name, _ in SETUPS])
+def test_setups_in_the_documents_are_valid(name, text):
+    assert isinstance(Setup.model_validate(tomllib.loads(text)), Setup)
+
+
+def test_files_names_every_key_of_the_setup():
+    (text,) = blocks(ROOT / "docs" / "files.md", "toml")
+
+    def missing(model, where=""):
+        for key, field in model.model_fields.items():
+            if key == "folder":
+                continue
+            if not re.search(rf"\b{key}\b", text):
+                yield f"{where}{key}"
+            inner = field.annotation
+            if isinstance(inner, type) and hasattr(inner, "model_fields"):
+                yield from missing(inner, f"{where}{key}.")
+
+    assert list(missing(Setup)) == []
+
+
+def test_files_lists_the_columns_and_flags():
+    text = re.sub(r"\s+", " ", (ROOT / "docs" / "files.md").read_text())
+    for columns in (FIELD_COLUMNS, LOG_COLUMNS):
+        assert ", ".join(columns) in text
+    for bit, flag in enumerate(Flag):
+        name, meaning = describe(flag)[0].split(": ", 1)
+        assert f"| {bit} | {int(flag)} | `{name}` | {meaning} |" in text
+
+
+@pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: path.name)
+def test_links_lead_somewhere(path):
+    for target in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", path.read_text()):
+        if not target.startswith("http"):
+            assert (path.parent / target).exists(), target
+
+
+def test_the_python_of_the_readme_runs(tmp_path, monkeypatch, capsys):
+    (code,) = blocks(ROOT / "README.md", "python")
+    fields = line_fields(np.random.default_rng(1), n_fields=8, slope=0.01)
+    info = FieldInfo(rate_hz=60.0, exposure_s=1e-3, interlaced=False)
+    write_point(
+        tmp_path / "point-01.h5",
+        RecordedPoint(
+            fields=fields, info=info, fields_time_s=None, acquisition=None, truth={}, meta={}
+        ),
+    )
+    (tmp_path / "glint-aoa.toml").write_text("")
+    monkeypatch.chdir(tmp_path)
+    exec(compile(code, "README.md", "exec"), {})
+    assert re.match(r"0\.57\d+ \+/- 0\.000\d+", capsys.readouterr().out)
+    assert (tmp_path / "results" / "point-01.csv").exists()
+
+
+def test_the_setup_of_the_demo_is_that_of_the_scene():
+    from render_sim.scene import paper_scene
+
+    setup, scene = load_setup(ROOT / "glint_aoa" / "data" / "paper-test.toml"), paper_scene()
+    assert setup.camera == scene.camera
+    assert setup.glint.y == pytest.approx(scene.glint_y_m)
+    assert setup.glint.nose == scene.nose
+
+
+def test_the_simulated_modes_are_those_of_the_setup():
+    from render_sim.modes import paper_model_system
+    from render_sim.scene import paper_scene
+
+    setup, system = (
+        load_setup(ROOT / "glint_aoa" / "data" / "paper-test.toml"),
+        paper_model_system(),
+    )
+    surveyed, simulated = (
+        sorted((m.number, m.plane, m.frequency, m.radius) for m in modes)
+        for modes in (setup.inertial.mode, system.mode)
+    )
+    assert surveyed == simulated
+    assert system.sensor_station == paper_scene().package_station_m
