@@ -17,8 +17,8 @@ from render_sim._pyrender_repairs import egl_context, import_pyrender
 from render_sim.bodies import fuselage_mesh
 from render_sim.light import lamp_samples
 from render_sim.motion import rigid
+from render_sim.pixel import exposure_gain, integrate_lines, response_margin
 from render_sim.projection import Pinhole, window_lines
-from render_sim.renderer import exposure_gain, integrate_lines, response_margin
 from render_sim.scene import Scene
 
 __all__ = ["PyrenderRenderer"]

@@ -18,14 +18,14 @@ from render_sim.bodies import cylinder_hits
 from render_sim.light import lamp_samples, reflection
 from render_sim.mirror import mirror_points
 from render_sim.motion import StaticMotion
-from render_sim.projection import Pinhole, window_columns, window_lines
-from render_sim.renderer import (
+from render_sim.pixel import (
     edge_response,
     exposure_gain,
     integrate_lines,
     pixel_response,
     response_margin,
 )
+from render_sim.projection import Pinhole, window_columns, window_lines
 from render_sim.scene import Scene
 
 __all__ = ["RaytraceRenderer"]

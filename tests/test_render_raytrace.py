@@ -10,16 +10,16 @@ from glint_aoa.errors import InputError
 from render_sim.bodies import cylinder_hits, fuselage_mesh
 from render_sim.light import lamp_samples, radiance, reflection
 from render_sim.motion import StaticMotion
-from render_sim.projection import Pinhole, window_columns, window_lines
-from render_sim.raytrace import RaytraceRenderer
-from render_sim.renderer import (
+from render_sim.pixel import (
     edge_response,
     exposure_gain,
     integrate_lines,
-    make_renderer,
     pixel_response,
     response_margin,
 )
+from render_sim.projection import Pinhole, window_columns, window_lines
+from render_sim.raytrace import RaytraceRenderer
+from render_sim.renderer import make_renderer
 from render_sim.scene import Body, Scene, paper_scene
 
 LENS = (-0.2, 0.1, 5e-4, -5e-4, 0.0)

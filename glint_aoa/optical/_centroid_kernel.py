@@ -206,9 +206,7 @@ def column_centres(
                 continue
             near = abs(peak[i] - on_line) <= tolerance
             start = peak[i] if near else on_line
-            found, volume, state = _centroid(
-                grey, i, start, half_width, flank, cos_step, sin_step
-            )
+            found, volume, state = _centroid(grey, i, start, half_width, flank, cos_step, sin_step)
             height[k, i] = volume / half_width
             off = abs(found - on_line) > tolerance + half_width
             if state == USED and (height[k, i] < threshold / 2 or off):

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from glint_aoa.optical.detect import GlintShape
+from glint_aoa.optical.shape import GlintShape
 
 __all__ = ["ColumnCentres", "centroid_columns"]
 

@@ -1,56 +1,22 @@
 """Where the glint is and how wide: what the column estimators need to know beforehand."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from glint_aoa.optical.centroid import centroid_columns
+from glint_aoa.optical.shape import GlintShape
 from glint_aoa.setup import Glint
 
-__all__ = ["GlintShape", "find_glint", "used_columns"]
+__all__ = ["find_glint", "used_columns"]
 
 _FIRST_BOX = 1  # half a box of three lines, before the glint's width is known
 _LEAST_NOISE = 0.5  # grey levels: what rounding to whole grey levels alone may hide
 _LEAST_HALF_WIDTH = 2.5
 _FLANK_SHARE = 0.6  # of the half width, on each side, is background
 _LEAST_FLANK = 2.0
-
-
-@dataclass(frozen=True)
-class GlintShape:
-    """What is known of the glint before its columns are measured.
-
-    Attributes
-    ----------
-    first_row, last_row : int
-        Rows of the recorded window to look in, last one excluded.
-    half_box : int
-        Half the box of lines whose sum finds the glint [lines].
-    half_width, flank : float
-        Half the centroid's window, and the lines of background on each side of it [lines].
-    sign : float
-        +1 for a bright glint, -1 for a dark one.
-    threshold : float
-        Least height over the background [grey levels].
-    saturation : float
-        Grey level at which pixels clip.
-    noise : float
-        Noise of a background pixel, texture included [grey levels].
-    found : bool
-        Whether the sample showed a glint; if not, the widths are the least ones.
-    """
-
-    first_row: int
-    last_row: int
-    half_box: int
-    half_width: float
-    flank: float
-    sign: float
-    threshold: float
-    saturation: float
-    noise: float
-    found: bool
 
 
 def used_columns(n_columns: int, step: int) -> NDArray[np.int64]:
@@ -123,8 +89,6 @@ def _mean_profile(
     sample: NDArray[np.integer], columns: NDArray[np.int64], shape: GlintShape
 ) -> NDArray[np.float64] | None:
     """Mean profile about the centre, on a grid of lines as far as the rows go; NaN beyond."""
-    from glint_aoa.optical.centroid import centroid_columns  # noqa: PLC0415  they need each other
-
     centres = centroid_columns(sample, columns, shape)
     field, column = np.nonzero(np.isfinite(centres.row))
     if field.size < 3:

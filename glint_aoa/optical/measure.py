@@ -11,8 +11,9 @@ from glint_aoa.errors import RecordingError
 from glint_aoa.flags import Flag
 from glint_aoa.geometry import PixelToPlane
 from glint_aoa.optical.centroid import ColumnCentres, centroid_columns
-from glint_aoa.optical.detect import GlintShape, find_glint, used_columns
+from glint_aoa.optical.detect import find_glint, used_columns
 from glint_aoa.optical.line import LineFit, fit_lines_robustly
+from glint_aoa.optical.shape import GlintShape
 from glint_aoa.records.fields import FieldStack
 from glint_aoa.records.recording import Recording
 from glint_aoa.setup import Setup
