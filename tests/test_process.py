@@ -1,4 +1,6 @@
 import csv
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -185,3 +187,12 @@ def test_two_bands_of_one_real_beam_agree(step, limit):
         angles.append(record["angle_deg"].to_numpy())
     assert np.std(angles[0] - angles[1], ddof=1) < limit
     assert np.corrcoef(*angles)[0, 1] > 0.9
+
+
+def test_the_import_is_light():
+    code = (
+        "import sys, glint_aoa\n"
+        "heavy = {'numpy', 'numba', 'matplotlib', 'xarray', 'h5py', 'OpenGL'} & set(sys.modules)\n"
+        "assert not heavy, heavy"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)

@@ -11,8 +11,16 @@ from glint_aoa.inertial.sensor import axial_specific_force
 from glint_aoa.records.acquisition import AcquisitionRecord, Channel
 from glint_aoa.units import convert
 
-__all__ = ["Accelerometer", "PackageOutput", "check_same_clock", "package_output", "tangential"]
+__all__ = [
+    "Accelerometer",
+    "PackageOutput",
+    "check_same_clock",
+    "companions",
+    "package_output",
+    "tangential",
+]
 
+_LEAST_BASELINE_M = 0.05
 _AXIS_OF_PLANE: dict[Plane, str] = {"yaw": "y", "pitch": "z"}
 
 
@@ -122,6 +130,46 @@ def tangential(
     check_same_clock(record, package.channel, channel)
     values = _finite(record, channel, channel.values("m/s^2"))
     return Accelerometer(channel, values, _ahead(channel, package.channel))
+
+
+def companions(
+    record: AcquisitionRecord, plane: Plane, package: PackageOutput, sensor: Accelerometer
+) -> list[Accelerometer]:
+    """Take the other accelerometers of a plane that can show how the model turns.
+
+    Parameters
+    ----------
+    record, plane, package
+        As for `tangential`.
+    sensor : Accelerometer
+        From `tangential`.
+
+    Returns
+    -------
+    list of Accelerometer
+        Those at a stated station at least 0.05 m away from `sensor`, sampled at the same times,
+        finite and never clipped; their acceleration is along the axis of `sensor`.
+    """
+    if sensor.channel.station_m is None or package.channel.station_m is None:
+        return []
+    found = []
+    for channel in record.with_quantity("acceleration"):
+        in_plane = channel.axis is not None and channel.axis.endswith(_AXIS_OF_PLANE[plane])
+        if not in_plane or channel.station_m is None:
+            continue
+        ahead = _ahead(channel, package.channel)
+        same_clock = (channel.rate_hz, channel.start_s, len(channel)) == (
+            sensor.channel.rate_hz,
+            sensor.channel.start_s,
+            len(sensor.channel),
+        )
+        if not same_clock or abs(ahead - sensor.ahead_m) < _LEAST_BASELINE_M:
+            continue
+        values = channel.values("m/s^2")
+        if np.isfinite(values).all() and not channel.clipped.any():
+            sign = 1.0 if channel.axis == sensor.channel.axis else -1.0
+            found.append(Accelerometer(channel, sign * values, ahead))
+    return found
 
 
 def check_same_clock(record: AcquisitionRecord, first: Channel, second: Channel) -> None:

@@ -10,19 +10,20 @@ out its power (`separation`), which also serves sines and independent forces.
 
 import itertools
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from glint_aoa.errors import InputError
-from glint_aoa.inertial.channels import Accelerometer, PackageOutput, tangential
+from glint_aoa.inertial.channels import Accelerometer, PackageOutput, companions, tangential
 from glint_aoa.inertial.estimate import BiasEstimate
 from glint_aoa.inertial.filters import filter_spectrum
 from glint_aoa.inertial.modes import Mode, Plane
 from glint_aoa.inertial.receptance import Receptances, fit_receptances
 from glint_aoa.inertial.separation import Share, separate
 from glint_aoa.inertial.spectrum import PlaneSpectrum
+from glint_aoa.inertial.turning import turning_per_acceleration
 from glint_aoa.records.acquisition import AcquisitionRecord
 from glint_aoa.units import STANDARD_GRAVITY
 
@@ -42,6 +43,15 @@ _CREDIBLE_TURN = np.radians(1.0)
 """Amplitude of rotation of a single mode that is not believed [rad]; the paper's largest moments
 turn the model by 0.3 deg."""
 
+_CONTRADICTION = 0.25
+"""Relative difference of two inverse radii beyond which the survey's is not believed."""
+
+_GAIN_STD = 0.01
+"""Uncertainty of the ratio of two accelerometers' gains, 1 sigma."""
+
+_LONGEST_ARM_M = 1e3
+"""A model that turns about a point farther away does not turn."""
+
 _CROSS_STD = 0.25
 """Uncertainty of the product of two modes where their power overlaps, over its largest value."""
 
@@ -55,6 +65,7 @@ class _PlaneBias:
     frequencies_hz: dict[int, float]
     credited: list[int]
     how: str
+    turned_m: dict[int, float] = field(default_factory=dict)
 
 
 def missing(
@@ -118,6 +129,9 @@ def estimate_bias(
     Turning also tips it in gravity: a mode's signal is that of an arm longer by
     g sin(alpha) / w_r^2, 1.5 % for mode 3 at 6 deg; both are taken out.
 
+    Where accelerometers at other stations show that the model turns about another point than the
+    survey says, by more than a quarter in the inverse radius, their radius is taken and named.
+
     Products of velocity and angular rate of different modes have no mean in steady motion at
     well-separated frequencies. They are kept where one force is seen to move all modes and left
     out, as in eq. 8, elsewhere.
@@ -133,11 +147,18 @@ def estimate_bias(
             continue
         names.append(sensor.channel.name)
         clipped = clipped | sensor.channel.clipped
-        found.append(_plane_bias(sensor, in_plane, sine, relative_std))
+        others = companions(record, plane, package, sensor)
+        found.append(_plane_bias(sensor, others, in_plane, sine, relative_std))
     credited = sorted(number for plane in found for number in plane.credited)
     which = "no mode stands out"
     if credited:
         which = f"modes that stand out: {', '.join(str(number) for number in credited)}"
+    turned = {number: radius for plane in found for number, radius in plane.turned_m.items()}
+    if turned:
+        which += (
+            "; the accelerometers contradict the radius of mode "
+            f"{' and '.join(str(number) for number in sorted(turned))}, theirs was taken"
+        )
     return BiasEstimate(
         addition=np.sum([plane.addition for plane in found], axis=0),
         std_terms=[term for plane in found for term in plane.std_terms if np.any(term)],
@@ -148,13 +169,18 @@ def estimate_bias(
             "relative_std": relative_std,
             "mode_frequencies_hz": {k: v for p in found for k, v in p.frequencies_hz.items()},
             "modes_credited": tuple(credited),
+            "measured_radii_m": turned,
             "separation": tuple(plane.how for plane in found),
         },
     )
 
 
 def _plane_bias(
-    sensor: Accelerometer, modes: tuple[Mode, ...], sine: float, relative_std: float
+    sensor: Accelerometer,
+    others: list[Accelerometer],
+    modes: tuple[Mode, ...],
+    sine: float,
+    relative_std: float,
 ) -> _PlaneBias:
     spectrum = PlaneSpectrum.of(sensor.acceleration, sensor.channel.rate_hz, modes)
     inside = (spectrum.bins_hz >= _FIT_FROM * modes[0].frequency_hz) & (
@@ -164,14 +190,25 @@ def _plane_bias(
         spectrum.bins_hz[inside], spectrum.power[inside], spectrum.averages, spectrum.peaks_hz
     )
     if receptances is None:
-        return _from_shares(sensor, separate(spectrum, modes), sine, relative_std)
+        return _from_shares(sensor, others, separate(spectrum, modes), sine, relative_std)
     return _from_receptances(sensor, modes, spectrum, receptances, sine, relative_std)
 
 
 def _from_shares(
-    sensor: Accelerometer, shares: list[Share], sine: float, relative_std: float
+    sensor: Accelerometer,
+    others: list[Accelerometer],
+    shares: list[Share],
+    sine: float,
+    relative_std: float,
 ) -> _PlaneBias:
     """Sum the squares of velocities that share the power of the plane."""
+    surveyed = [share.mode for share in shares]
+    shares = [_as_it_turns(share, sensor, others, sine) for share in shares]
+    turned = {
+        share.mode.number: share.mode.radius_m
+        for mode, share in zip(surveyed, shares, strict=True)
+        if share.mode != mode
+    }
     responses = [_velocity(share.gain) for share in shares]
     responses += [_velocity(share.foreign_gain) for share in shares]
     velocities = filter_spectrum(sensor.acceleration, sensor.channel.rate_hz, responses)
@@ -188,6 +225,8 @@ def _from_shares(
             credited.append(share.mode.number)
             additions.append(factor * own**2)
             terms += [relative_std * additions[-1], share.foreign_std * factor * foreign**2]
+            if share.mode.number in turned:
+                terms.append(_GAIN_STD / _baseline(sensor, others) * speeds[-1] ** 2)
         else:  # V * omega with a rate of turning that is not known, but within what is credible
             additions.append(np.zeros_like(own))
             terms.append(_CREDIBLE_TURN * 2 * np.pi * share.frequency_hz * np.abs(own))
@@ -204,7 +243,33 @@ def _from_shares(
             if share.credited and share.mode.number in credited
         ],
         how="shares of power",
+        turned_m=turned,
     )
+
+
+def _as_it_turns(
+    share: Share, sensor: Accelerometer, others: list[Accelerometer], sine: float
+) -> Share:
+    """Take a mode's radius from the accelerometers where they contradict the survey's."""
+    if not share.credited or not others:
+        return share
+    tipping = _tipping(share.frequency_hz, sine)
+    surveyed = 1 / (share.mode.radius_m + sensor.ahead_m + tipping)
+    measured = turning_per_acceleration(sensor, others, share.frequency_hz)
+    if abs(measured - surveyed) <= _CONTRADICTION * abs(surveyed):
+        return share
+    arm = 1 / measured if abs(measured) * _LONGEST_ARM_M > 1 else _LONGEST_ARM_M
+    radius = arm - sensor.ahead_m - tipping
+    return replace(share, mode=replace(share.mode, radius_m=radius))
+
+
+def _baseline(sensor: Accelerometer, others: list[Accelerometer]) -> float:
+    return max(abs(other.ahead_m - sensor.ahead_m) for other in others)
+
+
+def _tipping(frequency_hz: float, sine: float) -> float:
+    """Length that tipping in gravity adds to the arm of an accelerometer [m]."""
+    return STANDARD_GRAVITY * sine / (2 * np.pi * frequency_hz) ** 2
 
 
 def _turns_credibly(speed: _Floats, share: Share) -> bool:
@@ -275,8 +340,7 @@ def _from_receptances(
 def _arm_factor(mode: Mode, frequency_hz: float, ahead_m: float, sine: float) -> float:
     """Velocity of the sensor over the integral of what the accelerometer shows."""
     radius = mode.radius_m
-    tipping = STANDARD_GRAVITY * sine / (2 * np.pi * frequency_hz) ** 2
-    arm = radius + ahead_m + tipping
+    arm = radius + ahead_m + _tipping(frequency_hz, sine)
     if abs(arm) < _LEAST_ARM_M:
         raise InputError(
             f"inertial.mode {mode.number}: its point of rotation lies within "
