@@ -326,12 +326,11 @@ def test_wrong_channel_attributes_are_named(point, key, value, expected):
     )
 
 
-def test_unknown_quantity_is_named_with_the_choices(point):
-    point["das/alpha"].attrs["quantity"] = "aceleration"
-    assert_record_refused(
-        point,
-        "channel alpha: attribute quantity is 'aceleration', expected one of aoa_unfiltered, ",
-    )
+def test_a_channel_of_another_quantity_is_carried_along(point):
+    point["das/alpha"].attrs["quantity"] = "voltage"
+    record = record_of(point)
+    assert record["alpha"].quantity == "voltage"
+    assert record.with_quantity("acceleration") == []
 
 
 @pytest.mark.parametrize(

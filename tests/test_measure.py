@@ -180,6 +180,14 @@ def test_irregular_timestamps_are_used_and_flagged():
     assert [bool(f & Flag.TIMING) for f in angles.flags] == [False] * 4 + [True, False]
 
 
+def test_timestamps_give_the_rate_where_nothing_else_does():
+    fields = line_fields(n_fields=4, shape=(60, 400), row=30)
+    times = np.arange(4) / 250
+    angles, how = measure(fields, Setup(), FieldInfo(), times_s=times)
+    assert how.recording.rate_hz == pytest.approx(250)
+    np.testing.assert_allclose(angles.time_s, times)
+
+
 def test_too_few_columns_are_refused():
     fields = line_fields(n_fields=2, shape=(60, 45), row=30)
     with pytest.raises(RecordingError) as caught:

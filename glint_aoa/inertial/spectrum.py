@@ -6,7 +6,7 @@ import numpy as np
 import scipy.signal
 from numpy.typing import ArrayLike, NDArray
 
-from glint_aoa.errors import InputError
+from glint_aoa.errors import InputError, RecordingError
 from glint_aoa.inertial.modes import Mode
 
 __all__ = ["SEARCH_BAND", "PlaneSpectrum", "find_peak"]
@@ -18,6 +18,7 @@ SEARCH_BAND = 0.15
 """A resonance is searched for within this fraction of its nominal frequency."""
 
 _SEGMENT_S = 4.0  # of the averaged periodogram: bins of 0.25 Hz keep slow modulation in one line
+_LEAST_S = 1.0  # bins of 1 Hz: coarser ones do not show a resonance beside its surroundings
 _LOWEST, _HIGHEST = 0.4, 1.8  # times lowest and highest mode: the range that is shared out
 _STANDS_OUT = 4.0  # times the median of its surroundings: a peak
 _QUIET = 1e-12  # of the highest power: stands in for a floor where the signal has none
@@ -63,9 +64,16 @@ class PlaneSpectrum:
         ------
         InputError
             If a mode lies beyond what the sampling rate can show.
+        RecordingError
+            If the record is too short to show a resonance.
         """
         _check_rate(rate_hz, modes)
         signal = np.asarray(acceleration, np.float64)
+        if signal.size < _LEAST_S * rate_hz:
+            raise RecordingError(
+                f"the record lasts {signal.size / rate_hz:.3g} s, but telling vibration modes "
+                f"apart takes {_LEAST_S:g} s; record longer"
+            )
         segment = min(signal.size, round(_SEGMENT_S * rate_hz))
         bins, power = scipy.signal.welch(signal, rate_hz, nperseg=segment)
         frequencies = [mode.frequency_hz for mode in modes]

@@ -12,6 +12,9 @@ from glint_aoa.units import convert
 
 __all__ = ["AcquisitionRecord", "Channel"]
 
+_COARSEST_STEP = 2**-8
+"""Of a converter, over its range; whole numbers further apart are no converter's codes."""
+
 
 @dataclass(frozen=True, eq=False)
 class Channel:
@@ -104,12 +107,20 @@ class Channel:
 
     @property
     def clipped(self) -> NDArray[np.bool_]:
-        """Whether each sample lies at or beyond the channel's limits, as [sample]."""
+        """Whether each sample lies at or beyond the channel's limits, as [sample].
+
+        The highest code of a converter lies one step below the end of its range, so samples
+        within one step count: of 16 bits over the range, or of the recorded whole numbers.
+        """
         if self.limits is None:
             return np.zeros(len(self), bool)
         low, high = self.limits
+        step = (high - low) / 2**16
+        if self.samples.dtype.kind in "iu" and abs(self.scale) < _COARSEST_STEP * (high - low):
+            step = max(step, abs(self.scale))
+        step *= 1 + 1e-3  # a step computed elsewhere differs in its last digits
         values = np.asarray(self.samples, np.float64) * self.scale
-        return (values <= low) | (values >= high)
+        return (values <= low + step) | (values >= high - step)
 
     def _factor(self, units: str) -> float:
         if self.units is None:

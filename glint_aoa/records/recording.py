@@ -48,7 +48,13 @@ def resolve_recording(stack: FieldStack, setup: Setup) -> Recording:
         on the sensor.
     """
     said = _agreed(stack, setup.fields)
-    if said["rate"] is None:
+    # Only interlaced fields have a parity: who states one says so.
+    interlaced = said["interlaced"]
+    if interlaced is None:
+        interlaced = said["first_parity"] is not None
+    if said["rate"] is None and stack.times_s is not None and stack.n_fields > 1:
+        said["rate"] = 1 / float(np.median(np.diff(stack.times_s)))
+    if said["rate"] is None or not said["rate"] > 0:
         raise SetupError(
             f"{stack.name}: the file does not say its field rate; give fields.rate in the setup"
         )
@@ -58,7 +64,7 @@ def resolve_recording(stack: FieldStack, setup: Setup) -> Recording:
         first_line=said["first_line"] or 0,
         first_column=said["first_column"] or 0,
         first_parity=1 if said["first_parity"] == "odd" else 0,
-        interlaced=bool(said["interlaced"]),
+        interlaced=interlaced,
         start_s=stack.info.start_s or 0.0,
     )
     _check_window(recording, stack, setup)

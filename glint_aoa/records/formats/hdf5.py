@@ -18,7 +18,7 @@ from glint_aoa.errors import RecordingError
 from glint_aoa.records._files import size_of
 from glint_aoa.records.acquisition import AcquisitionRecord, Channel
 from glint_aoa.records.fields import MAX_FIELD_BYTES, FieldInfo, FieldStack
-from glint_aoa.setup import Axis, Inertial, InertialChannel, Quantity
+from glint_aoa.setup import Axis, Inertial, InertialChannel
 from glint_aoa.units import convert
 
 __all__ = ["has_acquisition", "open_hdf5", "read_acquisition", "read_truth"]
@@ -27,6 +27,7 @@ MAX_RECORD_BYTES = 1 << 30
 """What the channels of one record may take in memory together [bytes]."""
 
 _MOST_ATTRIBUTE_BYTES = 1 << 16
+_SINGLE_PRECISION = 1e-6  # relative; attributes are often stored as float32
 _CHANNEL_KEYS = ("quantity", "units", "scale", "station_m", "axis", "range")
 
 
@@ -256,7 +257,7 @@ class _Budget:
 
 
 def _field_info(path: Path, fields: h5py.Dataset) -> FieldInfo:
-    said = {field.name: _attribute(fields, field.name) for field in dataclasses.fields(FieldInfo)}
+    said = {field.name: _stated(fields, field.name) for field in dataclasses.fields(FieldInfo)}
     try:
         return FieldInfo(**said)
     except RecordingError as error:
@@ -289,6 +290,19 @@ def _attribute(owner: h5py.HLObject, name: str) -> Any:
     if isinstance(value, np.ndarray):
         value = value.item() if value.size == 1 else [_text(each) for each in value.ravel()]
     return _text(value)
+
+
+def _stated(owner: h5py.HLObject, name: str) -> Any:
+    """Return an attribute, or None where it is missing or an empty text."""
+    value = _attribute(owner, name)
+    return None if isinstance(value, str) and not value else value
+
+
+def _unless_nan(value: Any) -> Any:
+    """Return None for NaN: what writers that fill in every attribute give a moment's station."""
+    numbers = value if isinstance(value, list) else [value]
+    is_nan = all(isinstance(each, float) and math.isnan(each) for each in numbers)
+    return None if is_nan else value
 
 
 def _text(value: object) -> object:
@@ -329,14 +343,15 @@ def _channel(path: Path, dataset: h5py.Dataset, said: InertialChannel | None) ->
 
 
 def _channel_attributes(where: str, dataset: h5py.Dataset) -> dict[str, Any]:
-    value = {key: _attribute(dataset, key) for key in _CHANNEL_KEYS}
+    value = {key: _stated(dataset, key) for key in _CHANNEL_KEYS}
     return {
-        "quantity": _choice(where, "quantity", value["quantity"], get_args(Quantity)),
+        # A record may hold what nobody here asks for; a name that is not known is just not used.
+        "quantity": None if value["quantity"] is None else str(value["quantity"]),
         "units": _unit(where, value["units"]),
         "scale": _number(where, "scale", value["scale"]),
-        "station_m": _number(where, "station_m", value["station_m"]),
+        "station_m": _number(where, "station_m", _unless_nan(value["station_m"])),
         "axis": _choice(where, "axis", value["axis"], get_args(Axis)),
-        "range": _range(where, value["range"]),
+        "range": _range(where, _unless_nan(value["range"])),
     }
 
 
@@ -369,7 +384,7 @@ def _agree(key: str, recorded: Any, said: Any) -> bool:
         return _same_unit(recorded, said)
     if isinstance(recorded, str):
         return bool(recorded == said)
-    return bool(np.allclose(recorded, said, rtol=1e-9, atol=1e-12))
+    return bool(np.allclose(recorded, said, rtol=_SINGLE_PRECISION, atol=0.0))
 
 
 def _same_unit(recorded: str, said: str) -> bool:
