@@ -24,6 +24,7 @@ __all__ = [
     "PointError",
     "RepeatabilityRow",
     "Table4Row",
+    "check_runs",
     "moment_peak_to_peak_in_lb",
     "point_errors",
     "repeatability",
@@ -238,6 +239,23 @@ class RepeatabilityRow:
     def value_mm(self) -> float | None:
         """A length in millimetres [mm]; None for angles."""
         return None if self.value is None or self.units == "deg" else self.value * _MM_PER_IN
+
+
+def check_runs(points: Iterable[BenchmarkPoint]) -> None:
+    """Check that each run starts and ends with the shaker off; no angle is looked at.
+
+    Parameters
+    ----------
+    points : iterable of BenchmarkPoint
+        All points, those of each run in the order in which they were taken.
+
+    Raises
+    ------
+    InputError
+        If a run does not, or there are no points; the message names the run.
+    """
+    for run, members in _by_run(points).items():
+        _check_ends(run, members)
 
 
 def point_errors(points: Iterable[BenchmarkPoint]) -> list[PointError]:

@@ -1,19 +1,21 @@
 """Many points together: a sweep to calibrate with, and runs to hold optical against inertial."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from calibration.sweep import DEFAULT_ONBOARD_STD_DEG, PitchSweep, Provenance, fit_sweep
-from glint_aoa.benchmark import BenchmarkPoint, moment_peak_to_peak_in_lb
-from glint_aoa.errors import CalibrationError, RecordingError
+from glint_aoa.benchmark import BenchmarkPoint, check_runs, moment_peak_to_peak_in_lb
+from glint_aoa.errors import CalibrationError, InputError, RecordingError
 from glint_aoa.flags import Flag
 from glint_aoa.inertial.correct import correct
 from glint_aoa.inertial.static import static_angle
 from glint_aoa.process import measure_point, process_point
 from glint_aoa.records.acquisition import AcquisitionRecord
+from glint_aoa.records.angles import check_new
 from glint_aoa.records.formats import open_fields
 from glint_aoa.records.formats.hdf5 import read_acquisition
 from glint_aoa.setup import Setup
@@ -90,7 +92,8 @@ def compare_points(
 ) -> list[BenchmarkPoint]:
     """Process recorded points and hold their optical angles beside the inertial ones.
 
-    Points of a sweep, a run whose nominal angle changes, are left out.
+    Points of a sweep, a run whose nominal angle changes, are left out. What can be known to fail
+    is looked for in all points before the first one is measured.
 
     Parameters
     ----------
@@ -114,36 +117,58 @@ def compare_points(
     Raises
     ------
     InputError
-        If a recording or the setup cannot be used.
+        If a recording or the setup cannot be used, a run does not start and end with the shaker
+        off, or all points are of sweeps.
     """
-    told = {Path(path): _excitation(Path(path), open_fields(path).meta) for path in paths}
+    told = {Path(path): _announced(Path(path), open_fields(path).meta) for path in paths}
+    sweeps = _sweeps(told.values())
+    in_runs = {path: point for path, point in told.items() if point.run not in sweeps}
+    _check_before(in_runs, sweeps, setup, None if overwrite else Path(out))
     compared = []
-    for path, what in told.items():
-        if what["run"] not in _sweeps(told.values()):
-            compared.append(_compare_point(path, what, setup, Path(out), overwrite=overwrite))
+    for path in told:
+        if path in in_runs:
+            compared.append(
+                _compare_point(path, in_runs[path], setup, Path(out), overwrite=overwrite)
+            )
         if progress is not None:
             progress(path)
     return compared
 
 
-def _sweeps(told: Iterable[Mapping[str, Any]]) -> set[str]:
+def _sweeps(points: Iterable[BenchmarkPoint]) -> set[str]:
     """Find the runs whose nominal angle changes from point to point."""
     angles: dict[str, list[float]] = {}
-    for what in told:
-        if what["nominal_angle_deg"] is not None:
-            angles.setdefault(what["run"], []).append(what["nominal_angle_deg"])
+    for point in points:
+        if point.nominal_angle_deg is not None:
+            angles.setdefault(point.run, []).append(point.nominal_angle_deg)
     return {run for run, each in angles.items() if max(each) - min(each) > _SAME_ANGLE_DEG}
 
 
+def _check_before(
+    points: Mapping[Path, BenchmarkPoint], sweeps: set[str], setup: Setup, new_in: Path | None
+) -> None:
+    """Say now, not after minutes of work, what would fail."""
+    if sweeps and not points:
+        raise InputError(
+            f"all points are of a pitch sweep ({', '.join(sorted(sweeps))}: its nominal angle "
+            "changes); give the points of runs at one angle"
+        )
+    check_runs(points.values())
+    for path in points:
+        read_acquisition(path, setup.inertial)
+        if new_in is not None:
+            check_new(new_in, path.stem)
+
+
 def _compare_point(
-    path: Path, what: Mapping[str, Any], setup: Setup, out: Path, *, overwrite: bool
+    path: Path, announced: BenchmarkPoint, setup: Setup, out: Path, *, overwrite: bool
 ) -> BenchmarkPoint:
     record = read_acquisition(path, setup.inertial)
     row = process_point(path, setup, out, overwrite=overwrite).log
     raw, corrected = _inertial_angles(record, setup)
-    return BenchmarkPoint(
-        **what,
-        moment_in_lb_pp=moment_peak_to_peak_in_lb(record, what["plane"]),
+    return replace(
+        announced,
+        moment_in_lb_pp=moment_peak_to_peak_in_lb(record, announced.plane),
         optical_deg=row["mean_angle_deg"],
         optical_std_deg=row["std_angle_deg"],
         intercept_mm=row["mean_intercept_mm"],
@@ -168,12 +193,12 @@ def _inertial_angles(record: AcquisitionRecord, setup: Setup) -> tuple[float, fl
     )
 
 
-def _excitation(path: Path, meta: Mapping[str, object]) -> dict[str, Any]:
-    """Read from the point's description what run it is of, and what the shaker did."""
+def _announced(path: Path, meta: Mapping[str, object]) -> BenchmarkPoint:
+    """Read from the point's description what run it is of and what the shaker did; no angles."""
     missing = [key for key in ("run", "point", "excitation") if key not in meta]
     if missing:
         raise RecordingError(
-            f"{path}: /meta does not say {' and '.join(missing)}; "
+            f"{path}: /meta does not say {', '.join(missing)}; "
             "a comparison needs run, point and excitation of each point"
         )
     words = str(meta["excitation"]).lower()
@@ -181,11 +206,20 @@ def _excitation(path: Path, meta: Mapping[str, object]) -> dict[str, Any]:
     plane = next((word for word in ("yaw", "pitch") if word in words), "none")
     kind = next((word for word in ("modulated sine", "random") if word in words), "sine")
     nominal = meta.get("nominal_angle_deg")
-    return {
-        "run": str(meta["run"]),
-        "point": str(meta["point"]),
-        "excitation": str(meta["excitation"]),
+    said: dict[str, Any] = {
         "plane": str(meta.get("excitation_plane", "none" if off else plane)),
         "kind": str(meta.get("excitation_kind", "off" if off else kind)),
-        "nominal_angle_deg": float(nominal) if isinstance(nominal, int | float) else None,
     }
+    return BenchmarkPoint(
+        run=str(meta["run"]),
+        point=str(meta["point"]),
+        excitation=str(meta["excitation"]),
+        **said,
+        nominal_angle_deg=float(nominal) if isinstance(nominal, int | float) else None,
+        moment_in_lb_pp=None,
+        optical_deg=np.nan,
+        optical_std_deg=np.nan,
+        intercept_mm=np.nan,
+        intercept_std_mm=np.nan,
+        inertial_deg=np.nan,
+    )

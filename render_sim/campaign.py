@@ -4,9 +4,12 @@ Every point draws from random streams of its own, seeded by the seed and its nam
 the order nor the number of processes changes a single bit.
 """
 
+import contextlib
 import datetime
 import importlib.metadata
 import multiprocessing
+import signal
+import threading
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
@@ -265,9 +268,24 @@ def _written(write: "partial[Path]", points: tuple[Point, ...], jobs: int) -> It
     fresh = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(jobs, mp_context=fresh) as pool:
         try:
-            yield from pool.map(write, points)
+            with _deaf_to_interrupts():
+                results = pool.map(write, points)
+            yield from results
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
+
+
+@contextlib.contextmanager
+def _deaf_to_interrupts() -> Iterator[None]:
+    """Let processes that are started here ignore Ctrl-C, which is for the one that waits."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _write(

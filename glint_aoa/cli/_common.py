@@ -1,13 +1,17 @@
-"""What several commands share: options, progress on stderr, JSON on stdout."""
+"""What several commands share: options, checks before work starts, progress, tables, JSON."""
 
 import json
 import math
-from collections.abc import Iterator, Mapping
+import os
+import sys
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+
+from glint_aoa.errors import InputError, OutputError
 
 __all__ = [
     "Json",
@@ -17,18 +21,86 @@ __all__ = [
     "SetupFile",
     "Strict",
     "bar",
+    "check_folder",
+    "check_names",
+    "check_new_files",
+    "number",
     "print_json",
     "table",
+    "tell_flags",
 ]
 
-Points = Annotated[list[Path], typer.Argument(help="Recorded points.", show_default=False)]
-SetupFile = Annotated[Path, typer.Option("--setup", "-s", help="Setup file.")]
+Points = Annotated[
+    list[Path],
+    typer.Argument(metavar="POINT", help="Files of recorded points.", show_default=False),
+]
+SetupFile = Annotated[Path, typer.Option("--setup", "-s", metavar="FILE", help="Setup file.")]
 Out = Annotated[
-    Path, typer.Option("--out", "-o", help="Folder for the results; made if it is not there.")
+    Path,
+    typer.Option(
+        "--out", "-o", metavar="FOLDER", help="Folder for the results; made if it is not there."
+    ),
 ]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace results of the same name.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON on stdout.")]
-Strict = Annotated[bool, typer.Option("--strict", help="Exit with 3 if anything is flagged.")]
+Strict = Annotated[bool, typer.Option("--strict", help="Exit with code 3 if anything is flagged.")]
+
+
+def check_names(paths: Sequence[Path], *, taken: Sequence[str] = ()) -> None:
+    """Refuse files whose results would replace each other's, or a table of the same folder.
+
+    Raises
+    ------
+    InputError
+        If two of `paths` have one stem, or the stem is one of `taken`.
+    """
+    first: dict[str, Path] = {}
+    for path in paths:
+        other = first.setdefault(path.stem, path)
+        if path.stem in taken:
+            raise InputError(
+                f"{path}: its results would take the name of {path.stem}.csv, a table of all "
+                "points; rename the file"
+            )
+        if other is not path and other == path:
+            raise InputError(f"{path} is given twice; give each file once")
+        if other is not path:
+            raise InputError(
+                f"{other} and {path} are both called {path.stem}, and so would be their results; "
+                "give one of them, or each another --out"
+            )
+
+
+def check_folder(folder: Path) -> None:
+    """Refuse a folder for results that cannot be made or written to, before any work is done.
+
+    Raises
+    ------
+    OutputError
+        If `folder`, or where it would be made, is no folder or may not be written to.
+    """
+    there = next(each for each in (folder, *folder.absolute().parents) if os.path.lexists(each))
+    if not there.is_dir():
+        raise OutputError(f"{there}: a file, expected a folder for results; give another --out")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise OutputError(
+            f"{there}: no permission to write there; give another --out or change its permissions"
+        )
+
+
+def check_new_files(files: Iterable[Path], *, overwrite: bool) -> None:
+    """Refuse to write where something has been written before, before any work is done.
+
+    Raises
+    ------
+    OutputError
+        If one of `files` is there already and `overwrite` is False.
+    """
+    there = next((path for path in files if path.exists()), None)
+    if there is not None and not overwrite:
+        raise OutputError(
+            f"{there} is there already; give another --out, or --overwrite to replace it"
+        )
 
 
 @contextmanager
@@ -57,7 +129,7 @@ def bar(total: int | None) -> Iterator[Any]:
         TimeRemainingColumn(),
         console=console,
         transient=True,
-        disable=not console.is_terminal,
+        disable=not sys.stderr.isatty(),
     )
     with progress:
         task = progress.add_task("", total=total)
@@ -94,3 +166,32 @@ def table(header: list[str], rows: list[list[str]], *, left: int = 1) -> None:
             for i, (cell, width) in enumerate(zip(row, widths, strict=True))
         ]
         typer.echo("  ".join(cells).rstrip())
+
+
+def number(value: float, spec: str) -> str:
+    """Format a number for a table; a dash stands for what was not measured."""
+    return format(value, spec) if math.isfinite(value) else "-"
+
+
+def tell_flags(name: str, mask: int, each: Iterable[int], what: str) -> None:
+    """Say on stderr what is flagged, and at how many fields or rows.
+
+    Parameters
+    ----------
+    name : str
+        Name of the point or record.
+    mask : int
+        All of its flags.
+    each : iterable of int
+        Flags of its fields or rows.
+    what : str
+        What these are, such as "fields".
+    """
+    from glint_aoa.flags import Flag, describe
+
+    masks = [int(one) for one in each]
+    for words in describe(mask):
+        flag, _, meaning = words.partition(": ")
+        count = sum(bool(one & Flag[flag]) for one in masks)
+        where = f" ({count} of {len(masks)} {what})" if count else ""
+        typer.echo(f"{name}: {flag}{where}: {meaning}", err=True)

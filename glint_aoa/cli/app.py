@@ -19,21 +19,22 @@ from glint_aoa.errors import GlintError
 __all__ = ["app", "main"]
 
 _DEBUG = "GLINT_AOA_DEBUG"
+_STOPPED = 130  # what a shell makes of an interrupt
 
 app = typer.Typer(
     name="glint-aoa",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
-    context_settings={"help_option_names": ["-h", "--help"]},
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
 app.command("demo")(demo)
-app.command("simulate")(simulate)
-app.command("process")(process)
+app.command("inspect", no_args_is_help=True)(inspect)
+app.command("process", no_args_is_help=True)(process)
 app.add_typer(calibrate.app, name="calibrate")
-app.command("correct")(correct)
-app.command("benchmark")(benchmark)
-app.command("inspect")(inspect)
+app.command("correct", no_args_is_help=True)(correct)
+app.command("benchmark", no_args_is_help=True)(benchmark)
+app.command("simulate", no_args_is_help=True)(simulate)
 
 
 def _show_version(wanted: bool) -> None:
@@ -46,12 +47,15 @@ def _show_version(wanted: bool) -> None:
 def _program(
     version: Annotated[  # noqa: ARG001  its callback acts
         bool,
-        typer.Option("--version", callback=_show_version, is_eager=True, help="Say the version."),
+        typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version."),
     ] = False,
-    debug: Annotated[bool, typer.Option("--debug", help="Show tracebacks.")] = False,
+    debug: Annotated[
+        bool, typer.Option("--debug", help="Show the traceback of an error; stands before COMMAND.")
+    ] = False,
 ) -> None:
     """Attitude of a wind-tunnel model from video of a glint, held against its inertial sensor.
 
+    \b
     Example: glint-aoa process point-01.h5 --setup glint-aoa.toml --out results
     """
     if debug:
@@ -62,6 +66,10 @@ def main() -> None:
     """Run the program; bad input ends in one sentence on stderr and exit code 2."""
     try:
         app()
+    except SystemExit as end:
+        if end.code == _STOPPED:
+            _end("stopped; what was written before is whole", _STOPPED)
+        raise
     except GlintError as error:
         if os.environ.get(_DEBUG):
             raise
@@ -69,8 +77,8 @@ def main() -> None:
     except BrokenPipeError:  # the reader of our output left; that is its right
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(0)
-    except KeyboardInterrupt:
-        _end("stopped; what was written before is whole", 130)
+    except KeyboardInterrupt:  # while the commands were loaded
+        _end("stopped; nothing was written", _STOPPED)
     except Exception as error:
         if os.environ.get(_DEBUG):
             raise

@@ -1,13 +1,32 @@
 """``glint-aoa benchmark``: optical held against inertial."""
 
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
-from glint_aoa.cli._common import Json, Out, Overwrite, Points, SetupFile, bar, print_json
+from glint_aoa.cli._common import (
+    Json,
+    Out,
+    Overwrite,
+    Points,
+    SetupFile,
+    Strict,
+    bar,
+    check_folder,
+    check_names,
+    check_new_files,
+    print_json,
+)
 
-__all__ = ["benchmark", "run_benchmark"]
+if TYPE_CHECKING:
+    from glint_aoa.benchmark import BenchmarkPoint
+
+__all__ = ["benchmark", "check_benchmark", "run_benchmark", "tell_flagged"]
+
+_TABLES = ("errors.csv", "table4.csv", "repeatability.csv")
+_PICTURE = "errors-against-moment.png"
 
 
 def benchmark(
@@ -15,23 +34,41 @@ def benchmark(
     out: Out,
     setup: SetupFile = Path("glint-aoa.toml"),
     overwrite: Overwrite = False,
+    strict: Strict = False,
     as_json: Json = False,
 ) -> None:
-    """Hold the optical angle against the inertial one over runs of points, as in Table 4.
+    """Hold the optical angle against the inertial one, as in Table 4.
 
-    Each run must start and end with the shaker off; the mean of the two is subtracted. Writes
-    the results of each point, the errors, Table 4, the repeatability and the errors' figure.
+    Each run must start and end with the shaker off; the mean of the two is subtracted from its
+    other points, which is their error. Give the points of a run in the order in which they were
+    taken. Points of a pitch sweep are left out.
 
+    Writes the results of each point as process does, errors.csv, table4.csv, repeatability.csv
+    and a picture of the errors against the balance moment.
+
+    \b
     Example: glint-aoa benchmark points/*.h5 --setup glint-aoa.toml --out results
     """
     from glint_aoa.setup import load_setup
 
     summary = run_benchmark(points, load_setup(setup), out, overwrite=overwrite)
+    compared = summary["compared"]
     if as_json:
-        print_json({key: value for key, value in summary.items() if key != "text"})
-        return
-    typer.echo(summary["text"])
-    typer.echo("Wrote " + ", ".join(str(path) for path in summary["files"]))
+        print_json({key: summary[key] for key in ("table4", "repeatability", "files")})
+    else:
+        typer.echo(summary["text"])
+        typer.echo("\nWrote " + ", ".join(str(path) for path in summary["files"]))
+        tell_flagged(compared)
+        if len(compared) < len(points):
+            typer.echo(f"left out: {len(points) - len(compared)} points of a pitch sweep", err=True)
+    if strict and any(point.flags for point in compared):
+        raise typer.Exit(3)
+
+
+def check_benchmark(out: Path, *, overwrite: bool) -> None:
+    """Refuse a folder that cannot be written to, or that holds a comparison already."""
+    check_folder(out)
+    check_new_files((out / name for name in (*_TABLES, _PICTURE)), overwrite=overwrite)
 
 
 def run_benchmark(
@@ -44,6 +81,8 @@ def run_benchmark(
     from glint_aoa.campaign import compare_points
     from glint_aoa.report import figures, tables
 
+    check_names(points, taken=["log", *(Path(name).stem for name in _TABLES)])
+    check_benchmark(out, overwrite=overwrite)
     with bar(len(points)) as advance:
         compared = compare_points(
             points,
@@ -53,18 +92,25 @@ def run_benchmark(
             progress=lambda path: advance(1, path.stem),
         )
     errors = point_errors(compared)
-    rows, steadiness = table4(errors), repeatability(compared)
+    by_kind, steadiness = table4(errors, by_kind=True), repeatability(compared)
     tables.write_errors_csv(out / "errors.csv", errors, overwrite=overwrite)
-    by_kind = table4(errors, by_kind=True)
     tables.write_table4_csv(out / "table4.csv", by_kind, overwrite=overwrite)
     tables.write_repeatability_csv(out / "repeatability.csv", steadiness, overwrite=overwrite)
-    figures.save_figure(
-        figures.error_figure(errors), out / "errors-against-moment.png", overwrite=overwrite
-    )
-    names = ("errors.csv", "table4.csv", "repeatability.csv", "errors-against-moment.png")
+    figures.save_figure(figures.error_figure(errors), out / _PICTURE, overwrite=overwrite)
+    text = tables.format_table4(table4(errors)), tables.format_repeatability(steadiness)
     return {
-        "text": f"{tables.format_table4(rows)}\n{tables.format_repeatability(steadiness)}",
+        "text": "\n\n".join(text),
         "table4": [asdict(row) for row in by_kind],
         "repeatability": [asdict(row) for row in steadiness],
-        "files": [out / name for name in names],
+        "files": [out / name for name in (*_TABLES, _PICTURE)],
+        "compared": compared,
     }
+
+
+def tell_flagged(points: "Iterable[BenchmarkPoint]") -> None:
+    """Say on stderr which points are flagged, and why."""
+    from glint_aoa.flags import describe
+
+    for point in points:
+        for words in describe(point.flags):
+            typer.echo(f"{point.point}: {words}", err=True)

@@ -2,13 +2,30 @@
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from glint_aoa.cli._common import Json, Out, Overwrite, SetupFile, Strict, bar, print_json, table
+from glint_aoa.cli._common import (
+    Json,
+    Out,
+    Overwrite,
+    SetupFile,
+    bar,
+    check_folder,
+    check_names,
+    print_json,
+    table,
+    tell_flags,
+)
+
+if TYPE_CHECKING:
+    from glint_aoa.inertial.correct import Correction
 
 __all__ = ["correct"]
+
+_MOST_ROWS_A_SECOND = 1e5
+_COLUMNS = "time_s,angle_deg,angle_std_deg,raw_angle_deg,bias_deg,flags"
 
 
 class _Method(StrEnum):
@@ -17,81 +34,154 @@ class _Method(StrEnum):
 
 
 def correct(
-    records: Annotated[list[Path], typer.Argument(help="Acquisition records.", show_default=False)],
+    records: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="RECORD", help="Files with acquisition channels.", show_default=False
+        ),
+    ],
     out: Out,
     setup: SetupFile = Path("glint-aoa.toml"),
-    method: Annotated[_Method, typer.Option(help="How to correct.")] = _Method.AUTO,
+    method: Annotated[
+        _Method, typer.Option(help="How to correct; auto takes the best that the record allows.")
+    ] = _Method.AUTO,
     causal: Annotated[
-        bool, typer.Option("--causal", help="Filter forward only, as on-line.")
+        bool,
+        typer.Option(
+            "--causal", help="Filter forward only, with delay, as on-line; else there and back."
+        ),
     ] = False,
-    rate: Annotated[float, typer.Option(help="Rows a second [Hz].")] = 20.0,
+    rate: Annotated[float, typer.Option(metavar="HZ", help="Rows a second to write.")] = 20.0,
     overwrite: Overwrite = False,
-    strict: Strict = False,
+    strict: Annotated[
+        bool,
+        typer.Option(
+            "--strict",
+            help="Exit with code 3 if anything is flagged but the filter's settling at the ends.",
+        ),
+    ] = False,
     as_json: Json = False,
 ) -> None:
-    """Correct the onboard angle for the centrifugal bias of vibration.
+    """Correct the onboard angle for the bias of vibration.
 
-    Writes <record>.csv: time_s, angle_deg, angle_std_deg, raw_angle_deg, bias_deg, flags.
+    The package takes centrifugal acceleration for gravity; that is estimated and added back.
 
+    Writes <record>.csv: time_s, angle_deg, angle_std_deg, raw_angle_deg, bias_deg, flags. The
+    means that it prints leave out the ends of a record, where the low-pass has not settled.
+
+    \b
     Example: glint-aoa correct point-01.h5 --setup glint-aoa.toml --out corrected
     """
     from glint_aoa.errors import InputError
-    from glint_aoa.flags import describe
     from glint_aoa.setup import load_setup
 
     settings = load_setup(setup)
-    summaries: list[dict[str, Any]] = []
+    check_names(records)
+    check_folder(out)
+    if not 0 < rate <= _MOST_ROWS_A_SECOND:
+        raise InputError(
+            f"--rate is {rate:g}; give rows a second, above 0 and at most {_MOST_ROWS_A_SECOND:g}"
+        )
+    corrected: dict[Path, Correction] = {}
     failures: list[InputError] = []
     with bar(len(records)) as advance:
         for path in records:
+            advance(0, path.stem)
             try:
-                summaries.append(
-                    _correct_one(path, settings, out, method.value, causal, rate, overwrite)
+                corrected[path] = _correct_one(
+                    path,
+                    settings,
+                    out,
+                    overwrite=overwrite,
+                    method=method.value,
+                    causal=causal,
+                    rate_hz=rate,
                 )
             except InputError as error:
                 failures.append(error)
-            advance(1, path.stem)
+            advance(1)
+    summaries = [_summary(path, out, rows) for path, rows in corrected.items()]
     if as_json:
         print_json(summaries)
     elif summaries:
-        header = ["record", "raw [deg]", "corrected [deg]", "bias [deg]", "largest bias"]
-        keys = ["mean_raw_angle_deg", "mean_angle_deg", "mean_bias_deg", "largest_bias_deg"]
-        table(header, [[s["record"], *(f"{s[key]:+.4f}" for key in keys)] for s in summaries])
-        typer.echo(f"\n{summaries[0]['method']}: {summaries[0]['why']}")
-        typer.echo(f"Wrote {out}/<record>.csv")
-        for summary in summaries:
-            for words in describe(summary["flags"]):
-                typer.echo(f"{summary['record']}: {words}", err=True)
+        _print(summaries, out)
+        for path, rows in corrected.items():
+            tell_flags(path.stem, _mask(rows.flags), rows.flags, "rows")
     for failure in failures:
         typer.echo(f"glint-aoa: {failure}", err=True)
     if failures:
         raise typer.Exit(2)
-    if strict and any(summary["flags"] for summary in summaries):
+    if strict and any(_mask(rows.flags[_settled(rows)]) for rows in corrected.values()):
         raise typer.Exit(3)
 
 
 def _correct_one(
-    path: Path, settings: Any, out: Path, method: str, causal: bool, rate: float, overwrite: bool
-) -> dict[str, Any]:
-    import numpy as np
-
+    path: Path, settings: Any, out: Path, *, overwrite: bool, **options: Any
+) -> "Correction":
     from glint_aoa.inertial.correct import correct as correct_record
     from glint_aoa.inertial.correct import write_correction
     from glint_aoa.records.formats.hdf5 import read_acquisition
 
     record = read_acquisition(path, settings.inertial)
-    rows = correct_record(record, settings.inertial, method=method, causal=causal, rate_hz=rate)
-    target = write_correction(out, path.stem, rows, overwrite=overwrite)
-    largest = int(np.argmax(np.abs(rows.bias_deg)))
+    rows = correct_record(record, settings.inertial, **options)
+    _check_is_correction(out / f"{path.stem}.csv")
+    write_correction(out, path.stem, rows, overwrite=overwrite)
+    return rows
+
+
+def _check_is_correction(path: Path) -> None:
+    """Refuse to replace what is no correction, such as the optical results of the same point."""
+    from glint_aoa.errors import OutputError
+
+    if not path.is_file():
+        return
+    with path.open("rb") as file:
+        header = file.readline(len(_COLUMNS) + 1)
+    if header.strip() != _COLUMNS.encode():
+        raise OutputError(f"{path} is there already and holds no correction; give another --out")
+
+
+def _settled(rows: "Correction") -> Any:
+    """Rows where the low-pass has settled; all of them if it never has."""
+    from glint_aoa.flags import Flag
+
+    settled = (rows.flags & Flag.FILTER_SETTLING.value) == 0
+    return settled if settled.any() else ~settled
+
+
+def _mask(flags: Any) -> int:
+    import numpy as np
+
+    return int(np.bitwise_or.reduce(flags))
+
+
+def _summary(path: Path, out: Path, rows: "Correction") -> dict[str, Any]:
+    import numpy as np
+
+    settled = _settled(rows)
+    bias = rows.bias_deg[settled]
     return {
         "record": path.stem,
-        "file": target,
+        "file": out / f"{path.stem}.csv",
         "method": rows.method,
         "why": rows.why,
-        "mean_raw_angle_deg": rows.raw_angle_deg.mean(),
-        "mean_angle_deg": rows.angle_deg.mean(),
-        "mean_angle_std_deg": rows.angle_std_deg.mean(),
-        "mean_bias_deg": rows.bias_deg.mean(),
-        "largest_bias_deg": rows.bias_deg[largest],
-        "flags": int(np.bitwise_or.reduce(rows.flags)),
+        "mean_raw_angle_deg": rows.raw_angle_deg[settled].mean(),
+        "mean_angle_deg": rows.angle_deg[settled].mean(),
+        "mean_angle_std_deg": rows.angle_std_deg[settled].mean(),
+        "mean_bias_deg": bias.mean(),
+        "largest_bias_deg": bias[np.argmax(np.abs(bias))],
+        "flags": _mask(rows.flags),
     }
+
+
+def _print(summaries: list[dict[str, Any]], out: Path) -> None:
+    keys = ["mean_raw_angle_deg", "mean_angle_deg", "mean_bias_deg", "largest_bias_deg"]
+    header = ["record", "raw [deg]", "corrected [deg]", "bias [deg]", "largest bias [deg]"]
+    table(header, [[s["record"], *(f"{s[key]:+.4f}" for key in keys)] for s in summaries])
+    typer.echo("")
+    reasons: dict[str, list[str]] = {}
+    for summary in summaries:
+        reasons.setdefault(f"{summary['method']}: {summary['why']}", []).append(summary["record"])
+    for reason, names in reasons.items():
+        typer.echo(reason if len(reasons) == 1 else f"{', '.join(names)}: {reason}")
+    typer.echo(f"Wrote {out / '<record>.csv'}")

@@ -7,46 +7,57 @@ from typing import Annotated, Any
 
 import typer
 
-from glint_aoa.cli._common import bar
-from glint_aoa.cli.simulate import RendererChoice
+from glint_aoa.cli._common import bar, check_folder, check_new_files
+from glint_aoa.cli.simulate import RendererChoice, RendererOption
 
 __all__ = ["demo"]
 
 
 def demo(
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for all that it writes.")] = Path(
-        "glint-aoa-demo"
-    ),
-    renderer: Annotated[
-        RendererChoice, typer.Option(help="auto takes the built-in one.")
-    ] = RendererChoice.AUTO,
-    seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same test.")] = 0,
+    out: Annotated[
+        Path,
+        typer.Option("--out", "-o", metavar="FOLDER", help="Folder for all that it writes."),
+    ] = Path("glint-aoa-demo"),
+    renderer: RendererOption = RendererChoice.AUTO,
+    seed: Annotated[
+        int, typer.Option(min=0, metavar="N", help="The same seed gives the same test.")
+    ] = 0,
     jobs: Annotated[
-        int | None, typer.Option(min=1, help="Processes; one a processor if not given.")
+        int | None,
+        typer.Option(
+            min=1,
+            metavar="N",
+            help="Processes that simulate; one a processor if not given.",
+            show_default=False,
+        ),
     ] = None,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace what an earlier demo wrote.")
     ] = False,
 ) -> None:
-    """Show the whole product on a simulated test, in about two minutes.
+    """Show the whole product on a simulated test, in two minutes.
 
     A wind-off vibration test is simulated and recorded, the optical angle calibrated with a pitch
     sweep, each point processed, the inertial angle corrected, and both compared as in Table 4.
 
+    \b
     Example: glint-aoa demo --out glint-aoa-demo
     """
     from glint_aoa.campaign import calibrate_sweep
-    from glint_aoa.cli.benchmark import run_benchmark
+    from glint_aoa.cli.benchmark import check_benchmark, run_benchmark, tell_flagged
     from glint_aoa.report.figures import save_figure, sweep_figure
     from glint_aoa.setup import load_setup
 
-    points = out / "points"
+    points, setup_file = out / "points", out / "glint-aoa.toml"
+    check_folder(out)
+    files_beside = ("sweep.toml", "sweep.png", "field.png")
+    check_new_files((setup_file, *(out / name for name in files_beside)), overwrite=overwrite)
+    check_benchmark(out / "results", overwrite=overwrite)
     paths = _simulate(points, renderer, seed, jobs or os.cpu_count() or 1, overwrite)
     sweep = [path for path in paths if path.stem.startswith("sweep")]
     runs = [path for path in paths if path not in sweep]
 
     typer.echo("2. Calibrating with the no-flow pitch sweep against the onboard sensor")
-    setup_file = out / "glint-aoa.toml"
     setup_file.write_bytes((files("glint_aoa") / "data" / "paper-test.toml").read_bytes())
     setup = load_setup(setup_file)
     with bar(len(sweep)) as advance:
@@ -57,6 +68,7 @@ def demo(
     typer.echo(f"3. Processing, correcting and comparing {len(runs)} points\n")
     summary = run_benchmark(runs, setup, out / "results", overwrite=overwrite)
     typer.echo(summary["text"])
+    tell_flagged(summary["compared"])
     picture = _picture(runs, setup, out / "field.png", overwrite)
     written = {
         "recorded points (HDF5)": points,
@@ -67,7 +79,7 @@ def demo(
         "errors against moment": out / "results" / "errors-against-moment.png",
         "a field with its line": picture,
     }
-    typer.echo("Wrote")
+    typer.echo("\nWrote")
     for what, where in written.items():
         typer.echo(f"  {what + ':':25}{where}")
 
@@ -79,7 +91,11 @@ def _simulate(
     from render_sim.renderer import opengl_missing
 
     campaign = load_campaign("demo")
-    typer.echo(f"1. Simulating {len(campaign.points)} points of 60 fields and 28 channels")
+    check_new_files((points / f"{each.name}.h5" for each in campaign.points), overwrite=overwrite)
+    typer.echo(
+        f"1. Simulating {len(campaign.points)} points of {campaign.n_fields} fields each, "
+        "with the acquisition's channels"
+    )
     lacks = opengl_missing()
     if lacks is not None:
         typer.echo(f"   With the built-in renderer: {lacks}.")

@@ -5,32 +5,64 @@ from typing import Annotated, Any
 
 import typer
 
-from glint_aoa.cli._common import Json, Overwrite, print_json
+from glint_aoa.cli._common import (
+    Json,
+    Overwrite,
+    bar,
+    check_folder,
+    check_new_files,
+    number,
+    print_json,
+)
 
 __all__ = ["inspect"]
 
 _LEVELS = 16  # bars of the exposure histogram
+_WIDTH = 28  # of the labels
+_UNITS = {
+    "_hz": "Hz",
+    "_s": "s",
+    "_deg": "deg",
+    "_K": "K",
+    "_in_lb": "in lbf",
+}
 
 
 def inspect(
-    recording: Annotated[Path, typer.Argument(help="A recorded point.", show_default=False)],
+    recording: Annotated[
+        Path,
+        typer.Argument(metavar="POINT", help="File of a recorded point.", show_default=False),
+    ],
     setup: Annotated[
-        Path | None, typer.Option("--setup", "-s", help="Setup file, if there is one.")
+        Path | None,
+        typer.Option(
+            "--setup",
+            "-s",
+            metavar="FILE",
+            help="Setup file, if there is one; without, the angle is that of the image plane.",
+        ),
     ] = None,
     png: Annotated[
-        Path | None, typer.Option(help="Picture to write: the middle field, its line over it.")
+        Path | None,
+        typer.Option(metavar="FILE", help="Picture to write: the middle field, its line over it."),
     ] = None,
     overwrite: Overwrite = False,
     as_json: Json = False,
 ) -> None:
-    """Say what a recording holds: shape, timing, exposure, channels, and where the glint is.
+    """Say what a recording holds, and where its glint is.
 
+    Shape, timing, exposure, acquisition channels, and what was measured of the middle field.
+
+    \b
     Example: glint-aoa inspect point-01.h5 --setup glint-aoa.toml --png point-01.png
     """
     from glint_aoa.records.formats import open_fields
     from glint_aoa.setup import Setup, load_setup
 
     settings = Setup() if setup is None else load_setup(setup)
+    if png is not None:
+        check_folder(png.parent)
+        check_new_files([png], overwrite=overwrite)
     stack = open_fields(recording)
     found = {
         "file": recording,
@@ -45,8 +77,8 @@ def inspect(
     histogram = found.pop("histogram")
     for key, value in found.items():
         if value not in (None, [], ""):
-            typer.echo(f"{key.replace('_', ' '):22}{_words(value)}")
-    typer.echo(f"{'histogram':22}{_bars(histogram)}  (grey levels 0 to white, log scale)")
+            typer.echo(f"{_label(key):{_WIDTH}}{_words(value)}")
+    typer.echo(f"{'histogram':{_WIDTH}}{_bars(histogram)}  (grey levels 0 to white, log scale)")
 
 
 def _shape(stack: Any) -> dict[str, Any]:
@@ -97,13 +129,15 @@ def _glint(stack: Any, settings: Any, png: Path | None, overwrite: bool) -> dict
     if stack.info.rate_hz is None and settings.fields.rate is None:
         fields = settings.fields.model_copy(update={"rate": 1.0})
         settings = settings.model_copy(update={"fields": fields})
-    result = measure_point(stack, settings)
+    with bar(stack.n_fields) as advance:
+        result = measure_point(stack, settings, progress=advance)
     middle = stack.n_fields // 2
     rows = result.angles.centre_row[middle]
     there = np.isfinite(rows)
     if png is not None:
         save_figure(measured_field(stack, result, middle), png, overwrite=overwrite)
     return {
+        "measured_field": middle,
         "glint_found": bool(there.any()),
         "glint_rows": [float(rows[there].min()), float(rows[there].max())] if there.any() else None,
         "glint_half_width": result.measurement.shape.half_width if there.any() else None,
@@ -123,13 +157,23 @@ def _channels(recording: Path) -> list[str]:
     return [f"{c.name} [{c.units or '?'}] {len(c)} at {c.rate_hz:g} Hz" for c in channels]
 
 
+def _label(key: str) -> str:
+    """Turn a key into words, the unit at its end into brackets."""
+    for ending, unit in _UNITS.items():
+        if key.endswith(ending):
+            return f"{key.removesuffix(ending).replace('_', ' ')} [{unit}]"
+    return key.replace("_", " ")
+
+
 def _words(value: Any) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):
-        return f"{value:.6g}"
+        return number(value, ".6g")
+    if isinstance(value, list) and all(isinstance(each, float) for each in value):
+        return " to ".join(_words(each) for each in value)
     if isinstance(value, list):
-        separator = f"\n{'':22}"
+        separator = f"\n{'':{_WIDTH}}"
         return separator.join(_words(each) for each in value)
     return str(value)
 

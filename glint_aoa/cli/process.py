@@ -1,6 +1,7 @@
 """``glint-aoa process``: the main job."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -12,9 +13,16 @@ from glint_aoa.cli._common import (
     SetupFile,
     Strict,
     bar,
+    check_folder,
+    check_names,
+    number,
     print_json,
     table,
+    tell_flags,
 )
+
+if TYPE_CHECKING:
+    from glint_aoa.process import PointResult
 
 __all__ = ["process"]
 
@@ -27,22 +35,26 @@ def process(
     strict: Strict = False,
     as_json: Json = False,
 ) -> None:
-    """Measure recorded points: angle and intercept of each field, and their mean.
+    """Measure angle and intercept of each field, and their mean.
 
     Writes <point>.csv and <point>.nc for each point, and a row of log.csv. Points that cannot be
-    read are named at the end; the others are measured all the same.
+    read are named at the end; the others are measured all the same. What was not measured is an
+    empty cell, and flagged.
 
+    \b
     Example: glint-aoa process run-01/*.h5 --setup glint-aoa.toml --out results
     """
     from glint_aoa.errors import InputError
-    from glint_aoa.flags import describe
-    from glint_aoa.process import PointResult, process_point
+    from glint_aoa.process import load_sweep, process_point
     from glint_aoa.setup import load_setup
 
     settings = load_setup(setup)
+    load_sweep(settings)
+    check_names(points, taken=["log"])
+    check_folder(out)
     results: list[PointResult] = []
     failures: list[InputError] = []
-    with bar(None) as advance:
+    with bar(_n_fields(points)) as advance:
         for path in points:
             advance(0, path.stem)
             try:
@@ -54,11 +66,7 @@ def process(
     if as_json:
         print_json([{"name": each.name, **each.log} for each in results])
     elif results:
-        _print(results)
-        typer.echo(f"\nWrote {out}/<point>.csv, <point>.nc and log.csv")
-        for result in results:
-            for words in describe(result.flags):
-                typer.echo(f"{result.name}: {words}", err=True)
+        _print(results, out)
     for failure in failures:
         typer.echo(f"glint-aoa: {failure}", err=True)
     if failures:
@@ -67,17 +75,35 @@ def process(
         raise typer.Exit(3)
 
 
-def _print(results: list) -> None:  # type: ignore[type-arg]
-    header = ["point", "fields", "mean angle [deg]", "u95", "std over fields", "intercept [mm]"]
+def _n_fields(points: list[Path]) -> int:
+    """Count the fields to measure; points that cannot be opened have their say later."""
+    from glint_aoa.errors import InputError
+    from glint_aoa.records.formats import open_fields
+
+    count = 0
+    for path in points:
+        try:
+            count += open_fields(path).n_fields
+        except InputError:
+            continue
+    return count
+
+
+def _print(results: "list[PointResult]", out: Path) -> None:
+    header = ["point", "fields", "mean angle [deg]", "u95 [deg]", "std [deg]", "intercept [mm]"]
     rows = [
         [
             each.name,
             f"{each.log['n_used']}/{each.log['n_fields']}",
-            f"{each.log['mean_angle_deg']:.4f}",
-            f"{each.log['mean_angle_u95_deg']:.4f}",
-            f"{each.log['std_angle_deg']:.4f}",
-            f"{each.log['mean_intercept_mm']:.3f}",
+            number(each.log["mean_angle_deg"], ".4f"),
+            number(each.log["mean_angle_u95_deg"], ".4f"),
+            number(each.log["std_angle_deg"], ".4f"),
+            number(each.log["mean_intercept_mm"], ".3f"),
         ]
         for each in results
     ]
     table(header, rows)
+    typer.echo("\nfields: used of recorded; u95: of the mean; std: over the fields")
+    typer.echo(f"Wrote {out / '<point>.csv'}, <point>.nc and log.csv")
+    for each in results:
+        tell_flags(each.name, each.flags, each.record["flags"].values, "fields")

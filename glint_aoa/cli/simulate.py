@@ -5,9 +5,17 @@ from typing import Annotated
 
 import typer
 
-from glint_aoa.cli._common import Json, Out, Overwrite, bar, print_json
+from glint_aoa.cli._common import (
+    Json,
+    Out,
+    Overwrite,
+    bar,
+    check_folder,
+    check_new_files,
+    print_json,
+)
 
-__all__ = ["RendererChoice", "simulate"]
+__all__ = ["RendererChoice", "RendererOption", "simulate"]
 
 
 class RendererChoice(StrEnum):
@@ -18,26 +26,44 @@ class RendererChoice(StrEnum):
     PYRENDER = "pyrender"
 
 
+RendererOption = Annotated[
+    RendererChoice,
+    typer.Option(help="auto takes the built-in one, raytrace; pyrender needs OpenGL."),
+]
+
+
 def simulate(
     campaign: Annotated[
-        str, typer.Argument(help="paper, demo, or a campaign file (TOML).", show_default=False)
+        str,
+        typer.Argument(
+            metavar="CAMPAIGN",
+            help="paper, the paper's whole test; demo, a part of it; or a campaign file (TOML).",
+            show_default=False,
+        ),
     ],
     out: Out,
-    renderer: Annotated[
-        RendererChoice, typer.Option(help="auto takes the built-in one.")
-    ] = RendererChoice.AUTO,
-    seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same bits.")] = 0,
-    jobs: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
+    renderer: RendererOption = RendererChoice.AUTO,
+    seed: Annotated[
+        int, typer.Option(min=0, metavar="N", help="The same seed gives the same bits.")
+    ] = 0,
+    jobs: Annotated[
+        int, typer.Option(min=1, metavar="N", help="Processes that share the points.")
+    ] = 1,
     overwrite: Overwrite = False,
     as_json: Json = False,
 ) -> None:
-    """Simulate a test: fields, acquisition channels and the truth, as HDF5 points.
+    """Simulate a test: fields, channels and the truth.
 
+    Writes <point>.h5 for each point of the campaign.
+
+    \b
     Example: glint-aoa simulate demo --out points --jobs 2
     """
     from render_sim.campaign import load_campaign, simulate_campaign
 
     plan = load_campaign(campaign)
+    check_folder(out)
+    check_new_files((out / f"{point.name}.h5" for point in plan.points), overwrite=overwrite)
     written = []
     with bar(len(plan.points)) as advance:
         for path in simulate_campaign(
