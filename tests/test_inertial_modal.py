@@ -1,6 +1,7 @@
 """Modal correction against rigid-body kinematics; the bias formula makes no data here."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from glint_aoa.inertial.modes import Mode
 from glint_aoa.inertial.receptance import fit_receptances
 from glint_aoa.inertial.separation import separate
 from glint_aoa.inertial.spectrum import PlaneSpectrum, find_peak
+from glint_aoa.records.acquisition import AcquisitionRecord
 from glint_aoa.setup import Inertial
 
 YAW = tuple(mode for mode in TABLE_1 if mode.plane == "yaw")
@@ -103,6 +105,19 @@ def test_a_neighbours_motion_at_the_frequency_of_a_small_radius_is_not_believed(
     assert result.settings["modes_credited"] == ()
     assert (result.flags & Flag.UNCERTAIN_CORRECTION).all()
     assert (np.abs(left) < 2 * std).all()
+
+
+def test_a_dead_accelerometer_moves_nothing():
+    record = rigid_body.record(rigid_body.sine(1), pitch_deg=0.0, rng=np.random.default_rng(3))
+    dead = {
+        name: replace(channel, samples=np.zeros(len(channel)))
+        for name, channel in record.channels.items()
+        if channel.axis in {"+z", "-z"}
+    }
+    assert dead
+    result = correct(AcquisitionRecord("record", {**record.channels, **dead}), setup_of())
+    assert result.settings["modes_credited"] == (1,)
+    assert np.abs(result.angle_deg[len(result.angle_deg) // 2]) < 0.001
 
 
 def test_shaker_off_credits_nothing():

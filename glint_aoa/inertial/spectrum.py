@@ -21,6 +21,7 @@ _SEGMENT_S = 4.0  # of the averaged periodogram: bins of 0.25 Hz keep slow modul
 _LEAST_S = 1.0  # bins of 1 Hz: coarser ones do not show a resonance beside its surroundings
 _LOWEST, _HIGHEST = 0.4, 1.8  # times lowest and highest mode: the range that is shared out
 _STANDS_OUT = 4.0  # times the median of its surroundings: a peak
+_QUIETEST = 1e-18  # (m/s^2)^2/Hz: below the noise of any accelerometer, for one that is dead
 _QUIET = 1e-12  # of the highest power: stands in for a floor where the signal has none
 
 
@@ -81,7 +82,7 @@ class PlaneSpectrum:
         keep = (bins >= low) & (bins <= high)
         segments = 1 + (signal.size - segment) // (segment - segment // 2)
         bins, power = bins[keep], power[keep]
-        power = power + _QUIET * float(np.max(power)) + np.finfo(float).tiny
+        power = power + _QUIET * float(np.max(power)) + _QUIETEST
         peaks = [_peak_of(bins, power, modes, index) for index in range(len(modes))]
         return cls(bins, power, 1 + 0.9 * (segments - 1), peaks)
 
