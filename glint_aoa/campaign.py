@@ -10,7 +10,6 @@ import numpy as np
 from calibration.sweep import DEFAULT_ONBOARD_STD_DEG, PitchSweep, Provenance, fit_sweep
 from glint_aoa.benchmark import BenchmarkPoint, check_runs, moment_peak_to_peak_in_lb
 from glint_aoa.errors import CalibrationError, InputError, RecordingError
-from glint_aoa.flags import Flag
 from glint_aoa.inertial.correct import correct
 from glint_aoa.inertial.static import static_angle
 from glint_aoa.process import measure_point, process_point
@@ -184,13 +183,9 @@ def _inertial_angles(record: AcquisitionRecord, setup: Setup) -> tuple[float, fl
     if not setup.inertial.mode:
         return static_angle(record)[0], None
     rows = correct(record, setup.inertial)
-    settled = (rows.flags & int(Flag.FILTER_SETTLING)) == 0
-    if not settled.any():
-        settled = np.ones_like(settled)
-    return (
-        float(rows.raw_angle_deg[settled].mean()),
-        float(rows.angle_deg[settled].mean()),
-    )
+    means = (each[rows.settled].mean() for each in (rows.raw_angle_deg, rows.angle_deg))
+    raw, corrected = map(float, means)
+    return raw, corrected
 
 
 def _announced(path: Path, meta: Mapping[str, object]) -> BenchmarkPoint:

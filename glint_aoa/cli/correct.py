@@ -111,7 +111,7 @@ def correct(
         typer.echo(f"glint-aoa: {failure}", err=True)
     if failures:
         raise typer.Exit(2)
-    if strict and any(_mask(rows.flags[_settled(rows)]) for rows in corrected.values()):
+    if strict and any(_mask(rows.flags[rows.settled]) for rows in corrected.values()):
         raise typer.Exit(3)
 
 
@@ -141,14 +141,6 @@ def _check_is_correction(path: Path) -> None:
         raise OutputError(f"{path} is there already and holds no correction; give another --out")
 
 
-def _settled(rows: "Correction") -> Any:
-    """Rows where the low-pass has settled; all of them if it never has."""
-    from glint_aoa.flags import Flag
-
-    settled = (rows.flags & Flag.FILTER_SETTLING.value) == 0
-    return settled if settled.any() else ~settled
-
-
 def _mask(flags: Any) -> int:
     import numpy as np
 
@@ -158,7 +150,7 @@ def _mask(flags: Any) -> int:
 def _summary(path: Path, out: Path, rows: "Correction") -> dict[str, Any]:
     import numpy as np
 
-    settled = _settled(rows)
+    settled = rows.settled
     bias = rows.bias_deg[settled]
     return {
         "record": path.stem,

@@ -80,6 +80,12 @@ class Correction:
     why: str
     settings: Mapping[str, object]
 
+    @property
+    def settled(self) -> NDArray[np.bool_]:
+        """Rows [row] that do not feel the ends of the record; all of them if every row does."""
+        free: NDArray[np.bool_] = (self.flags & int(Flag.FILTER_SETTLING)) == 0
+        return free if free.any() else ~free
+
 
 def correct(
     record: AcquisitionRecord,

@@ -243,10 +243,8 @@ def _on_plane(
     centres: ColumnCentres, number: NDArray[np.int64], measurement: Measurement
 ) -> tuple[_Array, _Array]:
     recording = measurement.recording
-    parity = recording.parity_of(number)
     u = recording.first_column + measurement.columns.astype(np.float64)
-    v = recording.first_line + centres.row + 0.5 * parity[:, None]
-    return measurement.to_plane(u, v)
+    return measurement.to_plane(u, recording.line_of(centres.row, number))
 
 
 def _with_column_noise(

@@ -33,6 +33,12 @@ class Recording:
             return np.zeros_like(field)
         return (field + self.first_parity) % 2
 
+    def line_of(self, row: NDArray[np.float64], field: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Sensor field lines [field, ...] of rows of the recorded window; parity enters here."""
+        parity = self.parity_of(field).reshape(-1, *[1] * (row.ndim - 1))
+        lines: NDArray[np.float64] = self.first_line + row + 0.5 * parity
+        return lines
+
     def time_of(self, field: NDArray[np.int64]) -> NDArray[np.float64]:
         """Start of the exposure of each field number [s], for fields without timestamps."""
         return self.start_s + field / self.rate_hz

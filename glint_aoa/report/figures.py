@@ -235,7 +235,7 @@ def measured_field(stack: FieldStack, result: PointResult, number: int) -> Figur
     """
     angles, how = result.angles, result.measurement
     recording, plane = how.recording, how.to_plane
-    first_line = recording.first_line + 0.5 * int(angles.parity[number])
+    first_line = float(recording.line_of(np.zeros(1), angles.field[[number]])[0])
     columns = recording.first_column + np.arange(stack.n_columns, dtype=np.float64)
     sign = 1.0 if how.setup.glint.nose == "right" else -1.0
     # The line in pixels: points along it in the plane, spaced as the columns are, mapped back.
