@@ -344,6 +344,7 @@ def test_a_bar_is_drawn_on_a_terminal_only(monkeypatch, capsys):
     assert capsys.readouterr() == ("", "")
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
     monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("TERM", "xterm")
     with _common.bar(3) as advance:
         advance(3, "point-01")
     out, err = capsys.readouterr()
