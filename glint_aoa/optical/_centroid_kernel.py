@@ -18,37 +18,35 @@ _ENOUGH = 0.8  # of the bright columns on the first coarse line end the search
 _MAX_COARSE = 48  # columns that vote for the coarse line
 
 
+# The next two run along lines, in small whole numbers and without branches, for the compiler to do
+# several columns at a time.
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _run_sums(field, columns, sign, grey, top):
-    """Fill the running sums [row, column] and each column's greatest grey level."""
+def _run_sums(field, columns, sign, line, grey):
+    """Fill the running sums of grey levels down the columns [row, column]."""
     for i in range(columns.size):
-        grey[0, i] = 0.0
-        top[i] = -np.inf
+        grey[0, i] = 0
     for row in range(field.shape[0]):
-        line = field[row]
+        whole = field[row]
         for i in range(columns.size):
-            value = sign * np.float64(line[columns[i]])
-            grey[row + 1, i] = grey[row, i] + value
-            top[i] = max(top[i], value)
+            line[i] = whole[columns[i]]
+        for i in range(line.size):
+            grey[row + 1, i] = grey[row, i] + sign * line[i]
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _peaks(grey, first, last, half_box, peak, contrast):
-    """Row of the brightest box of lines in each column, and its height over the rest."""
-    width = 2 * half_box + 1
-    n = peak.size
-    contrast[:] = -np.inf
-    for row in range(first + half_box, last - half_box):
-        begin, end = grey[row - half_box], grey[row + half_box + 1]
-        for i in range(n):
-            box = end[i] - begin[i]
-            if box > contrast[i]:
-                contrast[i] = box
-                peak[i] = row
-    rest = max(last - first - width, 1)
-    for i in range(n):
-        total = grey[last, i] - grey[first, i]
-        contrast[i] = contrast[i] / width - (total - contrast[i]) / rest
+def _peaks(grey, first, last, half_box, box, peak):
+    """Fill the sum and the row of the brightest box of lines in each column."""
+    box[:] = grey[first + 2 * half_box + 1] - grey[first]
+    peak[:] = first + half_box
+    for row in range(first + half_box + 1, last - half_box):
+        for i in range(box.size):
+            here, best, best_row = (
+                grey[row + half_box + 1, i] - grey[row - half_box, i],
+                box[i],
+                peak[i],
+            )
+            box[i] = max(here, best)
+            peak[i] = np.int32(row) if here > best else best_row
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -185,13 +183,17 @@ def column_centres(
     mean grey level of the window over its background.
     """
     n = columns.size
-    grey = np.empty((fields.shape[1] + 1, n))
-    top, peak, contrast = np.empty(n), np.zeros(n), np.empty(n)
+    grey = np.empty((fields.shape[1] + 1, n), np.int32)
+    line, box, peak = np.empty(n, np.int32), np.empty(n, np.int32), np.empty(n, np.int32)
+    contrast = np.empty(n)
+    width, rest = 2 * half_box + 1, max(last - first - 2 * half_box - 1, 1)
     tolerance = half_box + _AGREE
     cos_step, sin_step = np.cos(np.pi / half_width), np.sin(np.pi / half_width)
     for k in range(fields.shape[0]):
-        _run_sums(fields[k], columns, sign, grey, top)
-        _peaks(grey, first, last, half_box, peak, contrast)
+        _run_sums(fields[k], columns, np.int32(sign), line, grey)
+        _peaks(grey, first, last, half_box, box, peak)
+        for i in range(n):
+            contrast[i] = box[i] / width - (grey[last, i] - grey[first, i] - box[i]) / rest
         slope, intercept, votes = _coarse_line(columns, peak, contrast, threshold, tolerance)
         for i in range(n):
             centre[k, i] = np.nan
@@ -214,6 +216,4 @@ def column_centres(
             status[k, i] = state
             if state == USED:
                 centre[k, i] = found
-                clipped[k, i] = top[i] >= saturation and _clips(
-                    grey, i, found, half_width, saturation
-                )
+                clipped[k, i] = _clips(grey, i, found, half_width, saturation)

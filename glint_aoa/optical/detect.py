@@ -69,7 +69,7 @@ def _first_guess(sample: NDArray[np.integer], glint: Glint, white_level: int) ->
         half_box=min(_FIRST_BOX, (last - first - 1) // 2),
         half_width=half_width,
         flank=max(_LEAST_FLANK, _FLANK_SHARE * half_width),
-        sign=1.0 if glint.polarity == "bright" else -1.0,
+        sign=1 if glint.polarity == "bright" else -1,
         threshold=glint.min_contrast * noise,
         saturation=white_level if glint.saturation is None else glint.saturation,
         noise=noise,

@@ -17,7 +17,7 @@ class GlintShape:
         Half the box of lines whose sum finds the glint [lines].
     half_width, flank : float
         Half the centroid's window, and the lines of background on each side of it [lines].
-    sign : float
+    sign : int
         +1 for a bright glint, -1 for a dark one.
     threshold : float
         Least height over the background [grey levels].
@@ -34,7 +34,7 @@ class GlintShape:
     half_box: int
     half_width: float
     flank: float
-    sign: float
+    sign: int
     threshold: float
     saturation: float
     noise: float
