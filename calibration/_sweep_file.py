@@ -1,16 +1,16 @@
 """The TOML file of a pitch sweep: what it holds, and how it is read and written."""
 
-import tomllib
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
 import numpy as np
 import pydantic
 import tomli_w
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from glint_aoa.errors import CalibrationError, OutputError
 from glint_aoa.records._files import replacing
+from glint_aoa.setup import Section, read_toml
 
 _HEADER = """\
 # No-flow pitch sweep of glint-aoa: onboard angle as a polynomial of the optical angle,
@@ -27,11 +27,7 @@ _NotNegative = Annotated[float, Field(allow_inf_nan=False, ge=0)]
 _Degree = Annotated[str, Field(pattern="^[1-9][0-9]*$")]
 
 
-class _Section(pydantic.BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class Provenance(_Section):
+class Provenance(Section):
     """Where the numbers of a calibration came from.
 
     Attributes
@@ -49,7 +45,7 @@ class Provenance(_Section):
     date: str = ""
 
 
-class _Polynomial(_Section):
+class _Polynomial(Section):
     centre_deg: _Finite
     half_range_deg: _Positive
     coefficients_deg: Annotated[list[_Finite], Field(min_length=2)]
@@ -70,14 +66,14 @@ class _Polynomial(_Section):
         return self
 
 
-class _Fit(_Section):
+class _Fit(Section):
     chi_square: _NotNegative
     degrees_of_freedom: Annotated[int, Field(ge=0)]
     onboard_accuracy_deg: _NotNegative = 0.0
-    criterion: dict[_Degree, _NotNegative] = {}
+    criterion: dict[_Degree, _NotNegative] = Field(default_factory=dict)
 
 
-class _Points(_Section):
+class _Points(Section):
     optical_deg: Annotated[list[_Finite], Field(min_length=2)]
     optical_std_deg: list[_Positive]
     onboard_deg: list[_Finite]
@@ -90,7 +86,7 @@ class _Points(_Section):
         return self
 
 
-class SweepFile(_Section):
+class SweepFile(Section):
     """The content of the file of a pitch sweep."""
 
     kind: Literal["pitch sweep"]
@@ -121,17 +117,11 @@ def write_sweep_file(path: Path, content: SweepFile, summary: str, *, overwrite:
 
 def read_sweep_file(path: Path) -> SweepFile:
     """Read the file; see `calibration.sweep.PitchSweep.load`."""
-    try:
-        with path.open("rb") as file:
-            content = tomllib.load(file)
-    except FileNotFoundError:
-        raise CalibrationError(
-            f"{path}: no such pitch sweep; make one with glint-aoa calibrate sweep"
-        ) from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise CalibrationError(f"{path}: the pitch sweep cannot be read ({error})") from None
-    except tomllib.TOMLDecodeError as error:
-        raise CalibrationError(f"{path}: not a TOML file: {error}") from None
+    content = read_toml(
+        path,
+        missing="no such pitch sweep; make one with glint-aoa calibrate sweep",
+        error=CalibrationError,
+    )
     try:
         return SweepFile.model_validate(content)
     except pydantic.ValidationError as error:

@@ -8,12 +8,12 @@ import hashlib
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, TypeVar
 
 import pydantic
 from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, model_validator
 
-from glint_aoa.errors import SetupError
+from glint_aoa.errors import InputError, SetupError
 from glint_aoa.units import convert, parse_quantity
 
 __all__ = [
@@ -26,8 +26,13 @@ __all__ = [
     "InertialFilter",
     "InertialMode",
     "Quantity",
+    "Section",
     "Setup",
+    "load_section",
     "load_setup",
+    "positive",
+    "quantity",
+    "read_toml",
 ]
 
 Quantity = Literal[
@@ -43,7 +48,12 @@ Axis = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 Parity = Literal["even", "odd"]
 
 
-def _in(unit: str) -> Callable[[Any], float]:
+def quantity(unit: str) -> BeforeValidator:
+    """Return a validator that reads a string such as ``"9.8 Hz"`` as a number in `unit`."""
+    return BeforeValidator(_parser(unit))
+
+
+def _parser(unit: str) -> Callable[[Any], float]:
     return lambda value: parse_quantity(value, unit)
 
 
@@ -54,9 +64,13 @@ def _finite(value: float) -> float:
 
 
 def _positive(value: float) -> float:
-    if not value > 0:
+    if not _finite(value) > 0:
         raise ValueError(f"{value:g} must be greater than zero")
     return value
+
+
+positive = AfterValidator(_positive)
+"""Validator: finite and greater than zero."""
 
 
 def _known_unit(unit: str) -> str:
@@ -65,25 +79,23 @@ def _known_unit(unit: str) -> str:
 
 
 _Number = Annotated[float, Field(strict=True), AfterValidator(_finite)]
-_Metres = Annotated[float, BeforeValidator(_in("m")), AfterValidator(_finite)]
-_PositiveMetres = Annotated[_Metres, AfterValidator(_positive)]
-_Radians = Annotated[float, BeforeValidator(_in("rad")), AfterValidator(_finite)]
-_PositiveSeconds = Annotated[
-    float, BeforeValidator(_in("s")), AfterValidator(_finite), AfterValidator(_positive)
-]
-_PositiveHertz = Annotated[
-    float, BeforeValidator(_in("Hz")), AfterValidator(_finite), AfterValidator(_positive)
-]
+_Metres = Annotated[float, quantity("m"), AfterValidator(_finite)]
+_PositiveMetres = Annotated[_Metres, positive]
+_Radians = Annotated[float, quantity("rad"), AfterValidator(_finite)]
+_PositiveSeconds = Annotated[float, quantity("s"), positive]
+_PositiveHertz = Annotated[float, quantity("Hz"), positive]
 _Unit = Annotated[str, AfterValidator(_known_unit)]
 _Count = Annotated[int, Field(strict=True, ge=0)]
 _PositiveCount = Annotated[int, Field(strict=True, ge=1)]
 
 
-class _Section(pydantic.BaseModel):
+class Section(pydantic.BaseModel):
+    """A frozen part of a file of settings; keys that it does not know are errors."""
+
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class Camera(_Section):
+class Camera(Section):
     """The camera: inner orientation, distortion and pose. Lengths in metres, angles in radians."""
 
     focal_length: _PositiveMetres | None = Field(None, description="principal distance of the lens")
@@ -135,7 +147,7 @@ class Camera(_Section):
         return self
 
 
-class Fields(_Section):
+class Fields(Section):
     """What the recording is, where its file does not say so itself. Seconds and hertz."""
 
     rate: _PositiveHertz | None = Field(None, description="fields a second")
@@ -150,7 +162,7 @@ class Fields(_Section):
     first_parity: Parity | None = Field(None, description="parity of field 0")
 
 
-class Glint(_Section):
+class Glint(Section):
     """The glint and how it is measured."""
 
     y: _Metres = Field(0.0, description="known Y of the glint")
@@ -188,7 +200,7 @@ class Glint(_Section):
         return self
 
 
-class InertialFilter(_Section):
+class InertialFilter(Section):
     """Low-pass filter of the inertial package's filtered output. Hertz."""
 
     kind: Literal["butterworth", "bessel"] = Field("butterworth", description="type of filter")
@@ -196,7 +208,7 @@ class InertialFilter(_Section):
     cutoff: _PositiveHertz = Field(0.4, validate_default=False, description="-3 dB frequency")
 
 
-class InertialChannel(_Section):
+class InertialChannel(Section):
     """One acquisition channel; stations in metres, range in the channel's units."""
 
     name: str = Field(description="as in the record")
@@ -226,7 +238,7 @@ class InertialChannel(_Section):
         return low, high
 
 
-class InertialMode(_Section):
+class InertialMode(Section):
     """One vibration mode (a row of the paper's Table 1); hertz and metres."""
 
     number: _PositiveCount = Field(description="mode number")
@@ -243,7 +255,7 @@ class InertialMode(_Section):
         return self
 
 
-class Inertial(_Section):
+class Inertial(Section):
     """The inertial package and the channels that correct it."""
 
     filter: InertialFilter = Field(InertialFilter(), description="low-pass of the package")
@@ -251,13 +263,13 @@ class Inertial(_Section):
     mode: tuple[InertialMode, ...] = Field((), description="one for each vibration mode")
 
 
-class Calibration(_Section):
+class Calibration(Section):
     """Calibrations to apply; paths are relative to the setup file."""
 
     sweep: str | None = Field(None, description="file of the pitch sweep")
 
 
-class Setup(_Section):
+class Setup(Section):
     """A whole setup file."""
 
     camera: Camera = Camera()
@@ -298,31 +310,86 @@ def load_setup(path: str | Path) -> Setup:
         message names the file and the key.
     """
     path = Path(path)
-    try:
-        with path.open("rb") as file:
-            content = tomllib.load(file)
-    except FileNotFoundError:
-        raise SetupError(f"{path}: no such setup file; give one with --setup") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise SetupError(f"{path}: the setup file cannot be read ({error})") from None
-    except tomllib.TOMLDecodeError as error:
-        raise SetupError(f"{path}: not a TOML file: {error}") from None
+    content = read_toml(path, missing="no such setup file; give one with --setup")
     if "folder" in content:
         raise SetupError(f"{path}: unknown key folder; {_nearest('folder', Setup)}")
+    return _validated(path, {**content, "folder": path.parent}, Setup)
+
+
+_S = TypeVar("_S", bound=Section)
+
+
+def load_section(path: Path, section: type[_S]) -> _S:
+    """Read a TOML file that holds one section.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    section : type
+        What it holds.
+
+    Returns
+    -------
+    Section
+        In SI units and radians.
+
+    Raises
+    ------
+    SetupError
+        As for `load_setup`.
+    """
+    return _validated(path, read_toml(path, missing="no such file"), section)
+
+
+def read_toml(path: Path, *, missing: str, error: type[InputError] = SetupError) -> dict[str, Any]:
+    """Read a TOML file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    missing : str
+        What to say where it is not there.
+    error : type, optional
+        What to raise.
+
+    Returns
+    -------
+    dict
+        Its content.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, cannot be read or is not TOML.
+    """
     try:
-        return Setup.model_validate({**content, "folder": path.parent})
+        with path.open("rb") as file:
+            return tomllib.load(file)
+    except FileNotFoundError:
+        raise error(f"{path}: {missing}") from None
+    except (OSError, UnicodeDecodeError) as problem:
+        raise error(f"{path}: the file cannot be read ({problem})") from None
+    except tomllib.TOMLDecodeError as problem:
+        raise error(f"{path}: not a TOML file: {problem}") from None
+
+
+def _validated(path: Path, content: dict[str, Any], section: type[_S]) -> _S:
+    try:
+        return section.model_validate(content)
     except pydantic.ValidationError as error:
-        raise SetupError(f"{path}: {_first_problem(error)}") from None
+        raise SetupError(f"{path}: {_first_problem(error, section)}") from None
 
 
-def _first_problem(error: pydantic.ValidationError) -> str:
+def _first_problem(error: pydantic.ValidationError, section: type[Section]) -> str:
     problems = error.errors(include_url=False)
     unknown = (each for each in problems if each["type"] == "extra_forbidden")
     problem = next(unknown, problems[0])
     where = _dotted(problem["loc"])
     if problem["type"] == "extra_forbidden":
         *parents, key = problem["loc"]
-        return f"unknown key {where}; {_nearest(str(key), _model_at(parents))}"
+        return f"unknown key {where}; {_nearest(str(key), _section_at(parents, section))}"
     message = problem["msg"].removeprefix("Value error, ")
     return f"{where}: {message}" if where else message
 
@@ -334,21 +401,20 @@ def _dotted(loc: tuple[int | str, ...]) -> str:
     return parts
 
 
-def _model_at(parents: list[int | str]) -> type[pydantic.BaseModel]:
-    sections: dict[str, type[pydantic.BaseModel]] = {
-        "camera": Camera,
-        "fields": Fields,
-        "glint": Glint,
-        "inertial": Inertial,
-        "inertial.filter": InertialFilter,
-        "inertial.channel": InertialChannel,
-        "inertial.mode": InertialMode,
-        "calibration": Calibration,
-    }
-    return sections.get(".".join(p for p in parents if isinstance(p, str)), Setup)
+def _section_at(parents: list[int | str], section: type[Section]) -> type[Section]:
+    for name in (part for part in parents if isinstance(part, str)):
+        inner = _sections_in(section.model_fields[name].annotation)
+        section = inner[0] if inner else section
+    return section
 
 
-def _nearest(key: str, model: type[pydantic.BaseModel]) -> str:
-    known = [name for name in model.model_fields if name != "folder"]
+def _sections_in(annotation: Any) -> list[type[Section]]:
+    if isinstance(annotation, type) and issubclass(annotation, Section):
+        return [annotation]
+    return [each for part in getattr(annotation, "__args__", ()) for each in _sections_in(part)]
+
+
+def _nearest(key: str, section: type[Section]) -> str:
+    known = [name for name in section.model_fields if name != "folder"]
     close = difflib.get_close_matches(key, known, n=1)
     return f"did you mean {close[0]}?" if close else f"known keys here: {', '.join(known)}"

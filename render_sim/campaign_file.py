@@ -16,9 +16,9 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from glint_aoa.errors import SetupError
+from glint_aoa.setup import Section, load_section, positive, quantity
 from render_sim.excitation import Tones, modulated_sine, random_band, sine
 from render_sim.modes import ModelSystem, Plane, paper_model_system
-from render_sim.tomlfile import Section, load_section, positive, quantity
 
 __all__ = ["Campaign", "Drift", "Point", "Run", "Series", "Sweep", "load_campaign"]
 

@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field
 
+from glint_aoa.setup import Section, load_section, positive, quantity
 from render_sim.excitation import Tones
-from render_sim.tomlfile import Section, load_section, positive, quantity
 
 __all__ = [
     "ModelSystem",

@@ -294,7 +294,7 @@ def test_processes_change_no_bit(tmp_path):
             "3000 in",
             "run[0].series[0].moments[0]: '3000 in' is not a quantity in N*m",
         ),
-        ("3000 in*lbf", "-5 N*m", "run[0].series[0].moments[0]: -5 must be finite and greater"),
+        ("3000 in*lbf", "-5 N*m", "run[0].series[0].moments[0]: -5 must be greater"),
         ('name = "yaw"', 'name = "sweep"', "two points are called sweep-01; rename a run"),
         ('name = "yaw"', 'name = "../yaw"', "run[0].name: String should match pattern"),
         ("points = 3", "points = 1", "sweep[0].points: Input should be greater than or equal to 2"),

@@ -167,7 +167,7 @@ def test_what_is_not_toml_or_not_there_is_said(tmp_path):
     with pytest.raises(SetupError, match=r"not a TOML file: "):
         load_setup(path)
     path.write_bytes(b"\xff\xfe")
-    with pytest.raises(SetupError, match=r"the setup file cannot be read"):
+    with pytest.raises(SetupError, match=r"the file cannot be read"):
         load_setup(path)
 
 

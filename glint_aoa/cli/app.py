@@ -68,7 +68,7 @@ def main() -> None:
         app()
     except SystemExit as end:
         if end.code == _STOPPED:
-            _end("stopped; what was written before is whole", _STOPPED)
+            _stop("stopped; what was written before is whole")
         raise
     except GlintError as error:
         if os.environ.get(_DEBUG):
@@ -78,7 +78,7 @@ def main() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(0)
     except KeyboardInterrupt:  # while the commands were loaded
-        _end("stopped; nothing was written", _STOPPED)
+        _stop("stopped; nothing was written")
     except Exception as error:
         if os.environ.get(_DEBUG):
             raise
@@ -87,6 +87,14 @@ def main() -> None:
             "run it again with --debug and report what it prints",
             1,
         )
+
+
+def _stop(sentence: str) -> None:
+    """End at once: what the interrupt cut in two would complain while Python takes it down."""
+    typer.echo(f"glint-aoa: {sentence}", err=True)
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(_STOPPED)
 
 
 def _end(sentence: str, code: int) -> None:

@@ -12,7 +12,7 @@ _Array = NDArray[np.float64]
 _OUTLIER = 4.5  # standard deviations at which a field's columns are looked at again
 _FEW = 0.1  # of the columns outlying leave the plain line fit to start from
 _BISQUARE = 6.0  # standard deviations at which a column loses all weight; 99 % efficient
-_ROUNDS = 8
+_ROUNDS = 5
 _MEDIAN_COLUMNS = 48  # are enough to start from
 
 
