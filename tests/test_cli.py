@@ -564,6 +564,16 @@ def test_correct_without_modes_says_where_to_list_them(glint_aoa, here, points):
     assert "list each vibration mode as [[inertial.mode]] in the setup" in err
 
 
+def test_correct_needs_no_setup_file_to_say_what_it_lacks(glint_aoa, here, points):
+    (here / "glint-aoa.toml").unlink()
+    assert glint_aoa("correct", points / "run-1.h5", "-o", "corrected") == (
+        2,
+        "",
+        "glint-aoa: run-1: the modal correction lacks modes: list each vibration mode as "
+        "[[inertial.mode]] in the setup\n",
+    )
+
+
 @pytest.mark.parametrize("rate", ["-1", "0", "nan", "1e9"])
 def test_correct_refuses_a_rate_that_is_none(glint_aoa, points, rate):
     assert glint_aoa("correct", points / "run-1.h5", "-o", "res", "--rate", rate) == (

@@ -10,7 +10,6 @@ from glint_aoa.cli._common import (
     Json,
     Out,
     Overwrite,
-    SetupFile,
     bar,
     check_folder,
     check_names,
@@ -41,7 +40,15 @@ def correct(
         ),
     ],
     out: Out,
-    setup: SetupFile = Path("glint-aoa.toml"),
+    setup: Annotated[
+        Path | None,
+        typer.Option(
+            "--setup",
+            "-s",
+            metavar="FILE",
+            help="Setup file; glint-aoa.toml if there is one, else what the records say.",
+        ),
+    ] = None,
     method: Annotated[
         _Method, typer.Option(help="How to correct; auto takes the best that the record allows.")
     ] = _Method.AUTO,
@@ -73,9 +80,11 @@ def correct(
     Example: glint-aoa correct point-01.h5 --setup glint-aoa.toml --out corrected
     """
     from glint_aoa.errors import InputError
-    from glint_aoa.setup import load_setup
+    from glint_aoa.setup import Setup, load_setup
 
-    settings = load_setup(setup)
+    if setup is None and Path("glint-aoa.toml").exists():
+        setup = Path("glint-aoa.toml")
+    settings = Setup() if setup is None else load_setup(setup)
     check_names(records)
     check_folder(out)
     if not 0 < rate <= _MOST_ROWS_A_SECOND:
