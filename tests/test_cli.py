@@ -731,12 +731,21 @@ PROGRAM = [sys.executable, "-c", "from glint_aoa.cli import main; main()"]
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
 
 
+# A shell's background job ignores interrupts, and so would what the tests start in one.
+INTERRUPTIBLE = [
+    sys.executable,
+    "-c",
+    "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
+    "from glint_aoa.cli import main; main()",
+]
+
+
 def test_an_interrupt_keeps_what_was_written(here, points):
     many = [here / f"copy-{number:03d}.h5" for number in range(80)]
     for path in many:
         path.symlink_to(points / "run-0.h5")
     running = subprocess.Popen(
-        [*PROGRAM, "process", *map(str, many), "-o", "res"],
+        [*INTERRUPTIBLE, "process", *map(str, many), "-o", "res"],
         env=ENVIRONMENT,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

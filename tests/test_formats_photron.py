@@ -196,6 +196,7 @@ def test_a_claim_of_a_terabyte_fails_at_once(tmp_path):
         ("Color Bit", "10", "pixels are Mono, 10 bits, expected Mono of 8, 12 or 16"),
         ("Color Type", "Color", "pixels are Color, 8 bits, expected Mono of 8, 12 or 16"),
         ("Image Width", "9" * 400, "Image Width is 9999"),
+        ("Time", "29:05", "trigger_time is '2024-05-31T29:05'; expected a time in ISO 8601"),
     ],
 )
 def test_wrong_keys_are_named(tmp_path, name, value, message):

@@ -149,13 +149,19 @@ class _Header:
         record_rate = self._number("Record Rate(fps)")
         step = self._count("Save Step", missing=1)
         start = self._number("Start Frame", signed=True)
-        return FieldInfo(
-            rate_hz=None if record_rate is None else float(record_rate / step),
-            exposure_s=self._exposure(),
-            interlaced=False,
-            start_s=None if not record_rate or start is None else float(start / record_rate),
-            trigger_time=self._trigger_time(),
-        )
+        rate_hz = None if record_rate is None else float(record_rate / step)
+        start_s = None if not record_rate or start is None else float(start / record_rate)
+        exposure_s, trigger_time = self._exposure(), self._trigger_time()
+        try:
+            return FieldInfo(
+                rate_hz=rate_hz,
+                exposure_s=exposure_s,
+                interlaced=False,
+                start_s=start_s,
+                trigger_time=trigger_time,
+            )
+        except RecordingError as error:
+            raise RecordingError(f"{self.path}: {error}; correct the header") from None
 
     def _exposure(self) -> float | None:
         shutter = self._number("Shutter Speed(s)")
