@@ -8,7 +8,7 @@ import pydantic
 import tomli_w
 from pydantic import Field, model_validator
 
-from glint_aoa.errors import CalibrationError, OutputError
+from glint_aoa.errors import CalibrationError
 from glint_aoa.records._files import replacing
 from glint_aoa.setup import Section, read_toml
 
@@ -109,9 +109,7 @@ class SweepFile(Section):
 def write_sweep_file(path: Path, content: SweepFile, summary: str, *, overwrite: bool) -> None:
     """Write the file; see `calibration.sweep.PitchSweep.save`."""
     text = _HEADER.format(summary=summary) + tomli_w.dumps(content.model_dump())
-    if path.exists() and not overwrite:
-        raise OutputError(f"{path}: exists already; choose another name or allow overwriting")
-    with replacing(path) as temporary:
+    with replacing(path, overwrite=overwrite) as temporary:
         temporary.write_text(text, encoding="utf-8", newline="\n")
 
 

@@ -14,7 +14,7 @@ from glint_aoa.inertial.correct import correct
 from glint_aoa.inertial.static import static_angle
 from glint_aoa.process import measure_point, process_point
 from glint_aoa.records.acquisition import AcquisitionRecord
-from glint_aoa.records.angles import check_new
+from glint_aoa.records.angles import check_new_results
 from glint_aoa.records.formats import open_fields
 from glint_aoa.records.formats.hdf5 import read_acquisition
 from glint_aoa.setup import Setup
@@ -156,7 +156,7 @@ def _check_before(
     for path in points:
         read_acquisition(path, setup.inertial)
         if new_in is not None:
-            check_new(new_in, path.stem)
+            check_new_results(new_in, path.stem)
 
 
 def _compare_point(

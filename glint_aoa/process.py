@@ -13,7 +13,7 @@ from glint_aoa._version import __version__
 from glint_aoa.flags import REJECTING, Flag
 from glint_aoa.optical.average import MeanAngle, mean_angle
 from glint_aoa.optical.measure import FieldAngles, Measurement, measure_stack
-from glint_aoa.records.angles import angle_record, check_new, write_results
+from glint_aoa.records.angles import angle_record, check_new_results, write_results
 from glint_aoa.records.fields import FieldStack
 from glint_aoa.records.formats import open_fields
 from glint_aoa.records.recording import resolve_recording
@@ -151,7 +151,7 @@ def process_point(
     """
     stack, out = open_fields(path), Path(out)
     if not overwrite:
-        check_new(out, stack.name)
+        check_new_results(out, stack.name)
     result = measure_point(stack, setup, sweep=load_sweep(setup), progress=progress)
     write_results(out, result.name, result.record, result.log)
     return result

@@ -190,6 +190,11 @@ class Glint(Section):
         "auto", description="how the angles of a point are averaged"
     )
 
+    @property
+    def nose_sign(self) -> int:
+        """Sign of the pitch where the glint rises to the right: +1 for a nose that points right."""
+        return 1 if self.nose == "right" else -1
+
     @model_validator(mode="after")
     def _window_is_not_empty(self) -> Self:
         if self.search_window is not None and self.search_window[0] >= self.search_window[1]:

@@ -21,6 +21,7 @@ from typing import Literal
 import numpy as np
 
 from glint_aoa.errors import OutputError
+from glint_aoa.records._files import make_folder
 from glint_aoa.records.acquisition import AcquisitionRecord
 from glint_aoa.records.points import RecordedPoint, write_point
 from glint_aoa.units import convert
@@ -313,10 +314,7 @@ def _renderer(scene: Scene, name: RendererName) -> Renderer:
 
 
 def _out_dir(out_dir: Path, campaign: Campaign, *, overwrite: bool) -> Path:
-    try:
-        out_dir.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"{out_dir}: the folder cannot be made ({error.strerror})") from None
+    make_folder(out_dir)
     there = [p.name for p in campaign.points if (out_dir / f"{p.name}.h5").exists()]
     if there and not overwrite:
         raise OutputError(

@@ -96,11 +96,10 @@ def check_new_files(files: Iterable[Path], *, overwrite: bool) -> None:
     OutputError
         If one of `files` is there already and `overwrite` is False.
     """
-    there = next((path for path in files if path.exists()), None)
-    if there is not None and not overwrite:
-        raise OutputError(
-            f"{there} is there already; give another --out, or --overwrite to replace it"
-        )
+    from glint_aoa.records._files import check_new
+
+    if not overwrite:
+        check_new(files)
 
 
 @contextmanager

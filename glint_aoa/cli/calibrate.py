@@ -76,6 +76,7 @@ def sweep(
     Example: glint-aoa calibrate sweep sweep-*.h5 --setup glint-aoa.toml --out sweep.toml
     """
     from glint_aoa.campaign import calibrate_sweep
+    from glint_aoa.records._files import make_folder
     from glint_aoa.report.figures import save_figure, sweep_figure
     from glint_aoa.setup import load_setup
 
@@ -92,7 +93,7 @@ def sweep(
             onboard_accuracy_deg=accuracy,
             progress=lambda path: advance(1, path.stem),
         )
-    out.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(out.parent)
     fitted.save(out, overwrite=overwrite)
     save_figure(sweep_figure(fitted), picture, overwrite=overwrite)
     if as_json:

@@ -12,7 +12,7 @@ import numpy as np
 import scipy.signal
 from numpy.typing import NDArray
 
-from glint_aoa.errors import InputError, OutputError
+from glint_aoa.errors import InputError
 from glint_aoa.flags import Flag
 from glint_aoa.inertial import modal
 from glint_aoa.inertial.channels import PackageOutput, package_output
@@ -20,7 +20,9 @@ from glint_aoa.inertial.estimate import BiasEstimate
 from glint_aoa.inertial.filters import low_pass, noise_bandwidth_hz, settling_s
 from glint_aoa.inertial.modes import Mode, modes_from_setup
 from glint_aoa.inertial.sensor import indicated_angle
+from glint_aoa.records._files import check_new, make_folder
 from glint_aoa.records.acquisition import AcquisitionRecord
+from glint_aoa.records.tables import write_csv
 from glint_aoa.setup import Inertial
 from glint_aoa.units import STANDARD_GRAVITY
 
@@ -202,17 +204,10 @@ def write_correction(
     OutputError
         If the file exists and `overwrite` is False, or it cannot be written.
     """
-    from glint_aoa.records.tables import write_csv  # noqa: PLC0415  it loads xarray
-
     path = Path(folder) / f"{name}.csv"
-    if path.exists() and not overwrite:
-        raise OutputError(
-            f"{path} is there already; give another --out, or --overwrite to replace it"
-        )
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"{path.parent}: the folder cannot be made ({error.strerror})") from error
+    if not overwrite:
+        check_new([path])
+    make_folder(path.parent)
     columns = {column: getattr(correction, column) for column in _FORMATS}
     write_csv(path, columns, formats=_FORMATS)
     return path

@@ -186,13 +186,12 @@ def measure_fields(
     enough = count >= _LEAST_COLUMNS
     variance, rms = _scatter(fit, used, measurement)
     scale = np.where(enough, np.sqrt(variance), np.nan)
-    nose = 1.0 if measurement.setup.glint.nose == "right" else -1.0
     recording = measurement.recording
     return FieldAngles(
         field=number,
         time_s=recording.time_of(number) + recording.exposure_s / 2,
         parity=recording.parity_of(number),
-        angle=np.where(enough, nose * np.arctan(fit.slope), np.nan),
+        angle=np.where(enough, measurement.setup.glint.nose_sign * np.arctan(fit.slope), np.nan),
         angle_std=scale * np.sqrt(fit.slope_var) / (1 + fit.slope**2),
         intercept=np.where(enough, fit.intercept, np.nan),
         intercept_std=scale * np.sqrt(fit.intercept_var),

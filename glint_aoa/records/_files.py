@@ -4,12 +4,12 @@ import contextlib
 import os
 import secrets
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from glint_aoa.errors import OutputError, RecordingError
 
-__all__ = ["replacing", "size_of"]
+__all__ = ["check_new", "make_folder", "replacing", "size_of"]
 
 
 def size_of(path: Path) -> int:
@@ -33,8 +33,31 @@ def size_of(path: Path) -> int:
     return status.st_size
 
 
+def check_new(paths: Iterable[Path]) -> None:
+    """Refuse to write results where one of them has been written before.
+
+    Raises
+    ------
+    OutputError
+        If one of `paths` is there.
+    """
+    there = next((path for path in paths if path.exists()), None)
+    if there is not None:
+        raise OutputError(
+            f"{there} is there already; give another --out, or --overwrite to replace it"
+        )
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder, and those above it, where they are not there; OutputError if that fails."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{folder}: the folder cannot be made ({error.strerror})") from error
+
+
 @contextlib.contextmanager
-def replacing(path: Path) -> Iterator[Path]:
+def replacing(path: Path, *, overwrite: bool = True) -> Iterator[Path]:
     """Give a temporary name in the same folder that becomes `path` once all is written to it.
 
     Whoever looks, or is killed, at any moment finds the old file or the new one, never a part.
@@ -42,8 +65,11 @@ def replacing(path: Path) -> Iterator[Path]:
     Raises
     ------
     OutputError
-        If the folder or the disk does not let it; nothing is left behind then.
+        If the folder or the disk does not let it, or the file exists and `overwrite` is False;
+        nothing is left behind then.
     """
+    if path.exists() and not overwrite:
+        raise OutputError(f"{path}: exists already; choose another name or allow overwriting")
     temporary = path.with_name(f".{path.name}.{os.getpid()}-{secrets.token_hex(4)}.part")
     try:
         yield temporary

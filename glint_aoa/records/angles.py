@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING, Any
 
 from numpy.typing import NDArray
 
-from glint_aoa.errors import OutputError
+from glint_aoa.records._files import check_new, make_folder
 from glint_aoa.records.tables import append_log, write_csv, write_netcdf
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["FIELD_COLUMNS", "LOG_COLUMNS", "angle_record", "check_new", "write_results"]
+__all__ = ["FIELD_COLUMNS", "LOG_COLUMNS", "angle_record", "check_new_results", "write_results"]
 
 _UNITS_AND_MEANING = {
     "field": ("1", "number of the field in its recording"),
@@ -96,7 +96,7 @@ def angle_record(values: Mapping[str, NDArray[Any]], attrs: Mapping[str, Any]) -
     return xr.Dataset(described, coords={"field": number}, attrs=dict(attrs))
 
 
-def check_new(folder: Path, name: str) -> None:
+def check_new_results(folder: Path, name: str) -> None:
     """Refuse to write where a point of that name has been written before.
 
     Raises
@@ -104,11 +104,7 @@ def check_new(folder: Path, name: str) -> None:
     OutputError
         If `folder` holds results of `name`.
     """
-    for path in (folder / f"{name}.csv", folder / f"{name}.nc"):
-        if path.exists():
-            raise OutputError(
-                f"{path} is there already; give another --out, or --overwrite to replace it"
-            )
+    check_new((folder / f"{name}.csv", folder / f"{name}.nc"))
 
 
 def write_results(
@@ -123,10 +119,7 @@ def write_results(
     OutputError
         If the folder cannot be made or written to.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"{folder}: the folder cannot be made ({error.strerror})") from error
+    make_folder(folder)
     columns = {column: record[column].to_numpy() for column in FIELD_COLUMNS}
     write_csv(folder / f"{name}.csv", columns, formats=_FORMATS)
     write_netcdf(folder / f"{name}.nc", record)

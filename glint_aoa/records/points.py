@@ -10,7 +10,6 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from glint_aoa.errors import OutputError
 from glint_aoa.records._files import replacing
 from glint_aoa.records.acquisition import AcquisitionRecord, Channel
 from glint_aoa.records.fields import FieldInfo, FieldStack
@@ -72,10 +71,11 @@ def write_point(
         If the fields are not uint8 or uint16 [field, line, column], or their times do not match.
     """
     path = Path(path)
-    if path.exists() and not overwrite:
-        raise OutputError(f"{path}: exists already; choose another name or allow overwriting")
     _check(path, point)
-    with replacing(path) as temporary, h5py.File(temporary, "w-", track_order=True) as file:
+    with (
+        replacing(path, overwrite=overwrite) as temporary,
+        h5py.File(temporary, "w-", track_order=True) as file,
+    ):
         _write_fields(file, point, compress=compress)
         _write_acquisition(file, point.acquisition)
         if point.truth:

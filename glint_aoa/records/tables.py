@@ -9,14 +9,16 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from glint_aoa.errors import InputError, OutputError
 from glint_aoa.records._files import replacing
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 __all__ = ["append_log", "read_csv", "write_csv", "write_netcdf"]
 
@@ -28,6 +30,7 @@ def write_csv(
     columns: Mapping[str, NDArray[Any] | Sequence[Any]],
     *,
     formats: Mapping[str, str] = _NOTHING,
+    overwrite: bool = True,
 ) -> None:
     """Write a table; the file appears under its name, or replaces one, only when it is whole.
 
@@ -40,18 +43,23 @@ def write_csv(
     formats : mapping of str to str, optional
         How a column's values are written, such as ``{"angle_deg": ".5f"}``; ten significant
         digits where not given.
+    overwrite : bool, optional
+        Whether a file of that name may be replaced.
 
     Raises
     ------
     OutputError
-        If the file cannot be written.
+        If the file cannot be written, or exists and `overwrite` is False.
     """
     path = Path(path)
     cells = [
         [_cell(value, formats.get(name, "")) for value in _plain(values)]
         for name, values in columns.items()
     ]
-    with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+    with (
+        replacing(path, overwrite=overwrite) as temporary,
+        temporary.open("w", newline="", encoding="utf-8") as file,
+    ):
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
         writer.writerows(zip(*cells, strict=True))
@@ -138,7 +146,7 @@ def append_log(path: str | Path, row: Mapping[str, object], columns: Sequence[st
         ) from error
 
 
-def write_netcdf(path: str | Path, dataset: xr.Dataset) -> None:
+def write_netcdf(path: str | Path, dataset: "xr.Dataset") -> None:
     """Write a dataset as NetCDF 4; the file appears, or replaces one, only when it is whole.
 
     Parameters

@@ -237,10 +237,10 @@ def measured_field(stack: FieldStack, result: PointResult, number: int) -> Figur
     recording, plane = how.recording, how.to_plane
     first_line = float(recording.line_of(np.zeros(1), angles.field[[number]])[0])
     columns = recording.first_column + np.arange(stack.n_columns, dtype=np.float64)
-    sign = 1.0 if how.setup.glint.nose == "right" else -1.0
     # The line in pixels: points along it in the plane, spaced as the columns are, mapped back.
     along, _ = plane(columns, np.full(stack.n_columns, first_line + stack.n_lines / 2))
-    height = angles.intercept[number] + sign * np.tan(angles.angle[number]) * along
+    slope = how.setup.glint.nose_sign * np.tan(angles.angle[number])
+    height = angles.intercept[number] + slope * along
     u, v = plane.to_pixels(along, height)
     angle, u95 = result.record["angle_deg"][number], 1.96 * result.record["angle_std_deg"][number]
     pitch = plane.pixel_pitch
@@ -278,9 +278,7 @@ def save_figure(figure: Figure, path: str | Path, *, overwrite: bool = False) ->
     suffix = path.suffix.lower()
     if suffix not in _FORMATS:
         raise OutputError(f"{path}: not a kind of picture; end its name with {', '.join(_FORMATS)}")
-    if path.exists() and not overwrite:
-        raise OutputError(f"{path}: exists already; choose another name or allow overwriting")
-    with replacing(path) as temporary:
+    with replacing(path, overwrite=overwrite) as temporary:
         figure.savefig(temporary, format=suffix[1:], dpi=150)
 
 

@@ -1,14 +1,11 @@
 """The tables of a benchmark as plain text and CSV."""
 
-import csv
-import io
 import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from glint_aoa.benchmark import PaperRow, PointError, RepeatabilityRow, Table4Row
-from glint_aoa.errors import OutputError
-from glint_aoa.records._files import replacing
+from glint_aoa.records.tables import write_csv
 
 __all__ = [
     "format_repeatability",
@@ -177,15 +174,9 @@ def _text_table(
 def _write_csv(
     path: str | Path, header: str, rows: Iterable[Sequence[object]], *, overwrite: bool
 ) -> None:
-    path = Path(path)
-    if path.exists() and not overwrite:
-        raise OutputError(f"{path}: exists already; choose another name or allow overwriting")
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(header.split(","))
-    writer.writerows([_cell(value) for value in row] for row in rows)
-    with replacing(path) as temporary:
-        temporary.write_text(text.getvalue(), encoding="utf-8", newline="")
+    cells = [[_cell(value) for value in row] for row in rows]
+    columns = {name: [row[i] for row in cells] for i, name in enumerate(header.split(","))}
+    write_csv(path, columns, overwrite=overwrite)
 
 
 def _cell(value: object) -> object:
