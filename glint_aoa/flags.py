@@ -25,6 +25,18 @@ class Flag(IntFlag):
     FILTER_SETTLING = 1 << 10
     UNCERTAIN_CORRECTION = 1 << 11
     FEW_FIELDS = 1 << 12
+    ALIASED = 1 << 13
+    PARITY_ORDER = 1 << 14
+    REPEATED = 1 << 15
+    DROPPED = 1 << 16
+    FADING = 1 << 17
+    MOVED = 1 << 18
+    CAMERA_MOVED = 1 << 19
+    SECOND_GLINT = 1 << 20
+    CURVED_LINE = 1 << 21
+    PIXEL_LOCKING = 1 << 22
+    UNCORRELATED = 1 << 23
+    GAP = 1 << 24
 
 
 _MEANINGS = {
@@ -41,6 +53,18 @@ _MEANINGS = {
     Flag.FILTER_SETTLING: "the low-pass filter has not settled here",
     Flag.UNCERTAIN_CORRECTION: "the correction leaves more than it can vouch for",
     Flag.FEW_FIELDS: "fewer than half of the fields could be used",
+    Flag.ALIASED: "the model moves faster than half the field rate can show",
+    Flag.PARITY_ORDER: "even and odd fields seem to be in the wrong order here",
+    Flag.REPEATED: "the field is a copy of the one before it",
+    Flag.DROPPED: "fields are missing before this one",
+    Flag.FADING: "the glint is less than half as bright as it was elsewhere in the point",
+    Flag.MOVED: "the glint is not where the fields around this one put it",
+    Flag.CAMERA_MOVED: "the reference mark is not where it was: camera or window moved",
+    Flag.SECOND_GLINT: "another line is nearly as bright; the angle may be that of the wrong one",
+    Flag.CURVED_LINE: "the line is bent beyond its noise: see calibration, focus or the model",
+    Flag.PIXEL_LOCKING: "the centres are drawn to whole field lines",
+    Flag.UNCORRELATED: "vibration below the modulation frequency that no channel explains",
+    Flag.GAP: "acquisition samples are missing here and were bridged",
 }
 
 REJECTING = Flag.NO_GLINT | Flag.FEW_COLUMNS | Flag.POOR_LINE
