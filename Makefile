@@ -5,13 +5,15 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test check bench clean help
+.PHONY: demo test check bench coverage torture clean help
 
 help:
 	@echo "make demo   show the whole product on a simulated test (writes demo-out/)"
 	@echo "make test   run the tests"
 	@echo "make check  format, lint, types, import layers"
-	@echo "make bench  throughput and precision of the measurement, as ratios"
+	@echo "make bench  speed, precision, coverage and memory of the measurement, beside rivals"
+	@echo "make coverage  do the uncertainties of the inertial corrections cover their errors"
+	@echo "make torture  measure thousands of spoilt recordings and look for wrong angles"
 	@echo "make clean  remove what these made"
 
 demo: $(VENV)/installed
@@ -26,8 +28,14 @@ check: $(VENV)/installed-dev
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-bench: $(VENV)/installed-dev
+bench: $(VENV)/installed-bench
 	$(BIN)/python -m benchmarks
+
+coverage: $(VENV)/installed-dev
+	$(BIN)/python -m benchmarks.inertial_coverage
+
+torture: $(VENV)/installed-dev
+	$(BIN)/python -m torture
 
 $(VENV)/created:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -44,6 +52,10 @@ $(VENV)/installed: $(VENV)/created pyproject.toml
 
 $(VENV)/installed-dev: $(VENV)/installed
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --group dev
+	@touch $@
+
+$(VENV)/installed-bench: $(VENV)/installed
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --group bench
 	@touch $@
 
 clean:

@@ -1,1 +1,1 @@
-"""Speed and precision of the measurement, as ratios within one run: ``make bench``."""
+"""Speed, precision, coverage and memory of the measurement in one run: ``make bench``."""

@@ -65,7 +65,7 @@ def calibrate_sweep(
         if not row["n_used"]:
             raise CalibrationError(f"{path}: no field could be measured; leave the point out")
         optical.append((row["mean_angle_deg"], row["mean_angle_std_deg"]))
-        onboard.append(static_angle(read_acquisition(path, setup.inertial)))
+        onboard.append(static_angle(read_acquisition(path, setup.inertial), setup.inertial))
         if progress is not None:
             progress(path)
     angles, stds = np.array(optical).reshape(-1, 2).T
@@ -181,7 +181,7 @@ def _compare_point(
 def _inertial_angles(record: AcquisitionRecord, setup: Setup) -> tuple[float, float | None]:
     """Mean raw and corrected angle [deg] where the low-pass has settled."""
     if not setup.inertial.mode:
-        return static_angle(record)[0], None
+        return static_angle(record, setup.inertial)[0], None
     rows = correct(record, setup.inertial)
     means = (each[rows.settled].mean() for each in (rows.raw_angle_deg, rows.angle_deg))
     raw, corrected = map(float, means)

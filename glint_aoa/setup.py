@@ -25,7 +25,10 @@ __all__ = [
     "InertialChannel",
     "InertialFilter",
     "InertialMode",
+    "InertialSensor",
     "Quantity",
+    "Reference",
+    "Reflection",
     "Section",
     "Setup",
     "load_section",
@@ -44,6 +47,8 @@ Quantity = Literal[
     "excitation",
     "temperature",
 ]
+_LEAST_REFERENCE = 6  # pixels across the box around a mark
+
 Axis = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 Parity = Literal["even", "odd"]
 
@@ -162,6 +167,59 @@ class Fields(Section):
     first_parity: Parity | None = Field(None, description="parity of field 0")
 
 
+class Reference(Section):
+    """A mark or edge that stands still in view, by which a moved camera shows. Pixels."""
+
+    rows: tuple[_Count, _PositiveCount] = Field(
+        description="rows of the recorded window around it, last one excluded"
+    )
+    columns: tuple[_Count, _PositiveCount] = Field(
+        description="columns of the recorded window around it, last one excluded"
+    )
+    row: _Number | None = Field(
+        None,
+        description="row of the window where it should lie; from the point itself if not given",
+    )
+    column: _Number | None = Field(
+        None, description="column of the window where it should lie, likewise"
+    )
+    tolerance: Annotated[float, Field(gt=0)] = Field(
+        0.25, description="shift beyond which the camera counts as moved"
+    )
+
+    @model_validator(mode="after")
+    def _box_has_room(self) -> Self:
+        for name, (first, last) in (("rows", self.rows), ("columns", self.columns)):
+            if last - first < _LEAST_REFERENCE:
+                raise ValueError(
+                    f"{name} [{first}, {last}] holds fewer than {_LEAST_REFERENCE} pixels; "
+                    "leave room around the mark"
+                )
+        return self
+
+
+class Reflection(Section):
+    """What the glint is the reflection of, and of what body. Lengths in metres."""
+
+    radius: _PositiveMetres = Field(description="radius of the body where the glint is seen")
+    axis_y: _Metres = Field(0.0, description="known Y of the body's axis at X = 0")
+    lamp: tuple[_Metres, _Metres, _Metres] = Field(
+        description="middle of the lamp, X, Y, Z in the tunnel frame"
+    )
+    lamp_direction: tuple[_Number, _Number, _Number] = Field(
+        (1.0, 0.0, 0.0), description="direction that a long lamp runs in"
+    )
+    lamp_shape: Literal["long", "small"] = Field(
+        "long", description="a line that reaches beyond all that the body mirrors, or a point"
+    )
+
+    @model_validator(mode="after")
+    def _lamp_has_a_direction(self) -> Self:
+        if not any(self.lamp_direction):
+            raise ValueError("lamp_direction has no length; [1, 0, 0] is a lamp along the tunnel")
+        return self
+
+
 class Glint(Section):
     """The glint and how it is measured."""
 
@@ -174,6 +232,9 @@ class Glint(Section):
     search_window: tuple[_Count, _PositiveCount] | None = Field(
         None, description="rows of the recorded window to look in, last one excluded"
     )
+    estimator: Literal["auto", "profile", "centroid", "gaussian", "steger"] = Field(
+        "auto", description="how the glint's centre in a column is measured"
+    )
     polarity: Literal["bright", "dark"] = Field(
         "bright", description="bright glint on a dark body, or dark on bright"
     )
@@ -183,11 +244,26 @@ class Glint(Section):
     saturation: Annotated[float, Field(gt=0)] | None = Field(
         None, description="grey level at which pixels clip; the top of the scale if not given"
     )
+    read_noise: Annotated[float, Field(ge=0)] | None = Field(
+        None, description="read noise of the camera [grey levels]; from the stack if not given"
+    )
+    electrons_per_grey: Annotated[float, Field(gt=0)] | None = Field(
+        None, description="electrons behind one grey level, likewise"
+    )
     min_contrast: Annotated[float, Field(gt=0)] = Field(
         6.0, description="least height of the glint above background, in background noise"
     )
-    mean: Literal["auto", "plain", "tapered"] = Field(
+    mean: Literal["auto", "plain", "lines", "tapered", "process"] = Field(
         "auto", description="how the angles of a point are averaged"
+    )
+    vibration: tuple[_PositiveHertz, ...] = Field(
+        (), description="known frequencies of vibration, fitted with the mean"
+    )
+    reference: Reference | None = Field(
+        None, description="box around a static mark that shows whether the camera moved"
+    )
+    reflection: Reflection | None = Field(
+        None, description="body and lamp, from which the axis's own angle follows"
     )
 
     @property
@@ -211,6 +287,27 @@ class InertialFilter(Section):
     kind: Literal["butterworth", "bessel"] = Field("butterworth", description="type of filter")
     order: Annotated[int, Field(strict=True, ge=1, le=8)] = Field(2, description="its order")
     cutoff: _PositiveHertz = Field(0.4, validate_default=False, description="-3 dB frequency")
+
+
+class InertialSensor(Section):
+    """What the inertial package indicates at rest; m/s^2, radians and kelvins."""
+
+    scale: Annotated[_Number, positive] = Field(
+        1.0, description="indicated over true specific force"
+    )
+    bias: Annotated[float, quantity("m/s^2"), AfterValidator(_finite)] = Field(
+        0.0, description="indicated where nothing is felt"
+    )
+    misalignment: _Radians = Field(0.0, description="sensitive axis above model x")
+    scale_per_kelvin: Annotated[float, quantity("1/K"), AfterValidator(_finite)] = Field(
+        0.0, description="change of the scale with temperature"
+    )
+    bias_per_kelvin: Annotated[float, quantity("m/s^2/K"), AfterValidator(_finite)] = Field(
+        0.0, description="change of the bias with temperature"
+    )
+    temperature: Annotated[float, quantity("K"), positive] = Field(
+        344.261, description="at which scale and bias hold"
+    )
 
 
 class InertialChannel(Section):
@@ -252,6 +349,9 @@ class InertialMode(Section):
     radius: _Metres = Field(
         description="effective radius; positive with the point of rotation aft of the sensor"
     )
+    radius_std: Annotated[float, quantity("m"), Field(ge=0, allow_inf_nan=False)] = Field(
+        0.0, description="its standard deviation, 1 sigma, as the survey tells it"
+    )
 
     @model_validator(mode="after")
     def _radius_is_not_zero(self) -> Self:
@@ -264,6 +364,13 @@ class Inertial(Section):
     """The inertial package and the channels that correct it."""
 
     filter: InertialFilter = Field(InertialFilter(), description="low-pass of the package")
+    sensor: InertialSensor = Field(InertialSensor(), description="the package at rest")
+    rate: _PositiveHertz | None = Field(
+        None, description="samples a second, where the acquisition record does not say"
+    )
+    start: Annotated[float, quantity("s"), AfterValidator(_finite)] | None = Field(
+        None, description="time of the first sample after the trigger, where the record is silent"
+    )
     channel: tuple[InertialChannel, ...] = Field((), description="one for each channel used")
     mode: tuple[InertialMode, ...] = Field((), description="one for each vibration mode")
 
@@ -283,6 +390,15 @@ class Setup(Section):
     inertial: Inertial = Inertial()
     calibration: Calibration = Calibration()
     folder: Path = Field(Path(), exclude=True)
+
+    @model_validator(mode="after")
+    def _reflection_is_seen_from_somewhere(self) -> Self:
+        if self.glint.reflection is not None and not self.camera.is_oriented:
+            raise ValueError(
+                "glint.reflection needs the camera's place; give focal_length, pixel_pitch and "
+                "position in [camera], or take [glint.reflection] out"
+            )
+        return self
 
     @property
     def hash(self) -> str:

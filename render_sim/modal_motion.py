@@ -1,14 +1,22 @@
 """The model vibrating in its modes about a static attitude."""
 
 from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
 
-from render_sim.excitation import Tones
 from render_sim.modes import ModelSystem, VibrationMode
 from render_sim.motion import Floats, Motion, rigid, rotation_y, rotation_z
 
-__all__ = ["ModalMotion"]
+__all__ = ["ModalMotion", "Signal"]
+
+
+class Signal(Protocol):
+    """Anything that has a value at any time, such as `render_sim.excitation.Tones`."""
+
+    def at(self, time_s: Floats) -> Floats:
+        """Return the values at the times `time_s` [s], of its shape."""
+        ...
 
 
 class ModalMotion:
@@ -24,7 +32,7 @@ class ModalMotion:
         Where the model is without vibration.
     system : ModelSystem
         Gives each mode's fixed point.
-    angles : sequence of (VibrationMode, Tones)
+    angles : sequence of (VibrationMode, Signal)
         Modal angles [rad]: nose to port (yaw) and nose up (pitch) positive.
     """
 
@@ -32,7 +40,7 @@ class ModalMotion:
         self,
         static: Motion,
         system: ModelSystem,
-        angles: Sequence[tuple[VibrationMode, Tones]],
+        angles: Sequence[tuple[VibrationMode, Signal]],
     ) -> None:
         self._static = static
         self._system = system

@@ -401,6 +401,9 @@ def test_a_recording_that_cannot_be_used_is_one_sentence(
     path = points / name
     target = {"calibrate sweep": ["-o", "s.toml"], "inspect": []}.get(command, ["-o", "res"])
     code, out, err = glint_aoa(*command.split(), path, *target)
+    if (command, name) == ("inspect", "no-fields.h5"):  # an acquisition record is shown as such
+        assert (code, err) == (0, "")
+        return
     assert (code, out) == (2, "")
     pattern = sentence.replace("(.*)", r"\(.*\)")
     assert re.fullmatch(f"glint-aoa: {re.escape(str(path))}: {pattern}\n", err)
@@ -564,14 +567,37 @@ def test_correct_without_modes_says_where_to_list_them(glint_aoa, here, points):
     assert "list each vibration mode as [[inertial.mode]] in the setup" in err
 
 
-def test_correct_needs_no_setup_file_to_say_what_it_lacks(glint_aoa, here, points):
+def test_correct_needs_no_setup_file_to_say_what_a_method_lacks(glint_aoa, here, points):
     (here / "glint-aoa.toml").unlink()
-    assert glint_aoa("correct", points / "run-1.h5", "-o", "corrected") == (
+    assert glint_aoa("correct", points / "run-1.h5", "-o", "corrected", "--method", "modal") == (
         2,
         "",
         "glint-aoa: run-1: the modal correction lacks modes: list each vibration mode as "
         "[[inertial.mode]] in the setup\n",
     )
+    code, out, _ = glint_aoa("correct", points / "run-1.h5", "-o", "corrected")
+    assert code == 0
+    assert "chosen automatically" in out
+
+
+@pytest.mark.parametrize("option", ["--gain-std", "--misalignment-std"])
+def test_correct_refuses_an_uncertainty_that_is_none(glint_aoa, points, option):
+    assert glint_aoa("correct", points / "run-1.h5", "-o", "res", option, "-1") == (
+        2,
+        "",
+        f"glint-aoa: {option} is -1; give an uncertainty of zero or more\n",
+    )
+
+
+def test_correct_is_as_certain_as_the_gains(glint_aoa, points):
+    def std(*options):
+        code, out, _ = glint_aoa(
+            "correct", points / "run-1.h5", "-o", "res", "--json", "--overwrite", *options
+        )
+        assert code == 0
+        return json.loads(out)[0]["mean_angle_std_deg"]
+
+    assert std("--method", "modal", "--gain-std", "5") > std("--method", "modal")
 
 
 @pytest.mark.parametrize("rate", ["-1", "0", "nan", "1e9"])

@@ -10,9 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from glint_aoa.errors import RecordingError
+from glint_aoa.records.acquisition import LazySamples
 from glint_aoa.records.fields import FieldInfo
 from glint_aoa.records.formats import open_fields
-from glint_aoa.records.formats.hdf5 import has_acquisition, read_acquisition
+from glint_aoa.records.formats.hdf5 import has_acquisition, has_fields, read_acquisition, read_truth
 from glint_aoa.setup import Inertial
 
 
@@ -352,9 +353,48 @@ def test_channel_that_claims_a_terabyte_fails_at_once(point):
     assert_record_refused(point, "/das/beta promises [100000000000] of float64, but the file")
 
 
-def test_record_larger_than_memory_should_be_is_refused(point, monkeypatch):
-    monkeypatch.setattr("glint_aoa.records.formats.hdf5.MAX_RECORD_BYTES", 15)
-    assert_record_refused(point, "/das/zeta and what stands before it take more than")
+def test_samples_of_a_long_record_stay_in_the_file(point, monkeypatch):
+    monkeypatch.setattr("glint_aoa.records.formats.hdf5.EAGER_BYTES", 31)
+    path = point.filename
+    alpha = record_of(point)["alpha"]
+    assert isinstance(alpha.samples, LazySamples)
+    assert (len(alpha), alpha.samples.dtype) == (8, np.dtype(np.int16))
+    np.testing.assert_array_equal(alpha.samples[2:5], [2, 3, 4])
+    with h5py.File(path, "a") as file:
+        del file["das/alpha"]
+    with pytest.raises(RecordingError, match="^" + re.escape(f"{path}: ")):
+        alpha.samples[0:1]
+
+
+def test_truth_larger_than_memory_should_be_is_refused(point, monkeypatch):
+    monkeypatch.setattr("glint_aoa.records.formats.hdf5.MAX_TRUTH_BYTES", 15)
+    point["truth/pitch_deg"] = np.zeros(2)
+    path = point.filename
+    point.close()
+    with pytest.raises(RecordingError, match=re.escape("/truth/pitch_deg and what stands before")):
+        read_truth(path)
+
+
+def test_rate_and_start_of_the_setup_where_the_record_is_silent(point):
+    del point["das/alpha"].attrs["rate_hz"]
+    point["das/zeta"].attrs["start_s"] = -1.0
+    path = point.filename
+    point.close()
+    record = read_acquisition(path, Inertial(rate="800 Hz", start="-1 s"))
+    assert (record["alpha"].rate_hz, record["alpha"].start_s) == (800.0, -1.0)
+    with pytest.raises(RecordingError, match=re.escape("start is -1 s in the record but 0 s in")):
+        read_acquisition(path, Inertial(rate="800 Hz", start="0 s"))
+    with pytest.raises(RecordingError, match=re.escape("rate is 800 Hz in the record but 500 Hz")):
+        read_acquisition(path, Inertial(rate="500 Hz", start="-1 s"))
+
+
+def test_a_misspelt_channel_of_the_setup_is_told_the_nearest(point):
+    assert_record_refused(
+        point,
+        "channel alhpa of the setup is not in the record; did you mean alpha? "
+        "channels here: zeta, alpha",
+        said("alhpa"),
+    )
 
 
 def test_file_without_acquisition(point):
@@ -362,6 +402,7 @@ def test_file_without_acquisition(point):
     path = point.filename
     assert_record_refused(point, "no group /das; record the acquisition channels with the fields")
     assert not has_acquisition(path)
+    assert has_fields(path)
 
 
 def test_das_that_is_no_group(point):

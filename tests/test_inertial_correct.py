@@ -1,5 +1,6 @@
 import dataclasses
 import re
+import sys
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from glint_aoa.errors import InputError, OutputError, RecordingError
 from glint_aoa.flags import Flag
 from glint_aoa.inertial import correct
 from glint_aoa.inertial.correct import write_correction
-from glint_aoa.inertial.filters import low_pass
+from glint_aoa.inertial.filters import low_pass, settling_s
 from glint_aoa.records.acquisition import AcquisitionRecord
 from glint_aoa.setup import Inertial
 
@@ -54,7 +55,10 @@ def test_auto_says_what_it_chose_and_why(record):
     result = correct(record, setup_of())
     assert result.method == "modal"
     assert result.why == (
-        "chosen automatically: modal correction from ay_face and az_face; modes that stand out: 1"
+        "chosen automatically, since the kinematic correction lacks a second accelerometer along "
+        "model y (yaw) at least 0.05 m from ay_face and a second accelerometer along model z "
+        "(pitch) at least 0.05 m from az_face: modal correction from ay_face and az_face; modes "
+        "that stand out: 1"
     )
     assert correct(record, setup_of(), method="modal").why.startswith("as asked: modal")
 
@@ -139,22 +143,25 @@ def test_without_modes_the_table_of_the_paper_is_not_assumed(record):
         "[[inertial.mode]] in the setup"
     )
     with pytest.raises(InputError, match=re.escape(message)):
-        correct(record, Inertial())
+        correct(record, Inertial(), method="modal")
+    assert correct(record, Inertial()).method not in {"kinematic", "modal", "nlr", "spectral"}
 
 
 def test_missing_accelerometers_are_named(record):
     message = (
-        "rigid-body: the modal correction lacks an accelerometer at the package along model y "
-        "(yaw modes) and model z (pitch modes)"
+        "rigid-body: the kinematic correction lacks two accelerometers along model y (yaw) at "
+        "least 0.05 m apart and two accelerometers along model z (pitch) at least 0.05 m apart; "
+        "the modal correction lacks an accelerometer at the package along model y (yaw modes) and "
+        "model z (pitch modes)"
     )
     with pytest.raises(InputError, match=re.escape(message)):
         correct(without(record, "ay_face", "az_face"), setup_of())
 
 
 def test_an_unknown_method_is_refused(record):
-    message = "method is 'kinematic'; choose one of auto, modal"
+    message = "method is 'kinetic'; choose one of auto, kinematic, modal"
     with pytest.raises(InputError, match=re.escape(message)):
-        correct(record, setup_of(), method="kinematic")
+        correct(record, setup_of(), method="kinetic")
 
 
 def test_a_record_without_the_package_is_refused(record):
@@ -242,3 +249,60 @@ def test_the_table_holds_every_row_and_is_not_replaced_unasked(record, tmp_path)
     with pytest.raises(OutputError, match=re.escape(message)):
         write_correction(tmp_path / "out", "point", result)
     assert write_correction(tmp_path / "out", "point", result, overwrite=True) == path
+
+
+def test_where_a_method_cannot_know_the_uncertainty_is_empty_and_flagged(
+    record, monkeypatch, tmp_path
+):
+    module = sys.modules["glint_aoa.inertial.correct"]
+    known = module._METHODS["modal"]
+
+    def estimate(task):
+        found = known.estimate(task)
+        unknown = np.where(np.arange(len(record["ay_face"])) < 1600, np.inf, 0.0)
+        flags = np.where(np.isinf(unknown), int(Flag.UNCORRELATED), 0)
+        return dataclasses.replace(found, std_terms=[*found.std_terms, unknown], flags=flags)
+
+    monkeypatch.setattr(
+        module, "_METHODS", {"modal": dataclasses.replace(known, estimate=estimate)}
+    )
+    result = correct(record, setup_of())
+    unknown = np.isnan(result.angle_std_deg)
+    assert unknown[result.time_s < 2.0].all()
+    assert not unknown[result.time_s > 5.0].any()
+    np.testing.assert_array_equal(unknown, (result.flags & Flag.UNCERTAIN_CORRECTION) > 0)
+    near = result.time_s < 2.0 + settling_s(setup_of().filter)
+    np.testing.assert_array_equal(near, (result.flags & Flag.UNCORRELATED) > 0)
+    rows = write_correction(tmp_path, "point", result).read_text().splitlines()
+    assert rows[1].split(",")[2] == ""
+
+
+def test_auto_takes_the_most_certain_method_and_says_of_what_it_could_not_be(record, monkeypatch):
+    module = sys.modules["glint_aoa.inertial.correct"]
+    modal = module._METHODS["modal"]
+
+    def doubtful(task):
+        found = modal.estimate(task)
+        return dataclasses.replace(found, std_terms=[np.full(found.addition.size, 0.01)])
+
+    def fails(task):
+        raise RecordingError("nothing to be had")
+
+    monkeypatch.setattr(
+        module,
+        "_METHODS",
+        {
+            "broken": dataclasses.replace(modal, estimate=fails),
+            "doubtful": dataclasses.replace(modal, estimate=doubtful),
+            "sound": modal,
+        },
+    )
+    result = correct(record, setup_of())
+    assert result.method == "sound"
+    assert result.why.startswith(
+        "chosen automatically, since the doubtful correction is certain to 0.059 deg only here and "
+        "the broken correction cannot be made: modal correction from "
+    )
+    monkeypatch.setattr(module, "_METHODS", {"broken": module._METHODS["broken"]})
+    with pytest.raises(RecordingError, match=r"^nothing to be had$"):
+        correct(record, setup_of())

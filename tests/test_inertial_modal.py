@@ -10,6 +10,7 @@ import rigid_body
 from glint_aoa.errors import InputError
 from glint_aoa.flags import Flag
 from glint_aoa.inertial import TABLE_1, correct
+from glint_aoa.inertial.filters import low_pass
 from glint_aoa.inertial.modes import Mode
 from glint_aoa.inertial.receptance import fit_receptances
 from glint_aoa.inertial.separation import separate
@@ -30,6 +31,7 @@ def setup_of(modes=TABLE_1):
                     "plane": mode.plane,
                     "frequency": f"{mode.frequency_hz} Hz",
                     "radius": f"{mode.radius_m} m",
+                    "radius_std": f"{mode.radius_std_m} m",
                 }
                 for mode in modes
             ],
@@ -41,7 +43,7 @@ def errors(motion, *, pitch_deg=0.0, seed=1, inertial=None, **options):
     """Residual, raw error and std of the settled rows [deg], and the whole correction."""
     rng = np.random.default_rng(seed)
     record = rigid_body.record(motion, pitch_deg=pitch_deg, rng=rng, **options)
-    result = correct(record, inertial or setup_of())
+    result = correct(record, inertial or setup_of(), method="modal")
     settled = (result.flags & Flag.FILTER_SETTLING) == 0
     assert np.count_nonzero(settled) > 50
     return (
@@ -97,14 +99,43 @@ def test_sines_in_all_modes_of_a_plane_together():
     assert np.max(np.abs(left)) < 0.002
 
 
-def test_a_neighbours_motion_at_the_frequency_of_a_small_radius_is_not_believed():
-    """Mode 1's shape driven at mode 3's 19.5 Hz: by mode 3's radius a turning of several deg."""
-    motion = rigid_body.sine(1, frequency_hz=19.5, bias_deg=0.0125)
-    left, raw, std, result = errors(motion)
-    np.testing.assert_allclose(left, raw, atol=1e-5)
+NEIGHBOURS = rigid_body.sine(1, frequency_hz=19.5, bias_deg=0.0125)
+"""Mode 1's shape driven at mode 3's 19.5 Hz: by mode 3's radius a turning of several deg."""
+
+
+def test_a_neighbours_motion_at_the_frequency_of_a_small_radius_is_told_by_the_second_harmonic():
+    left, raw, std, result = errors(NEIGHBOURS)
+    assert raw.mean() == pytest.approx(-0.0125, rel=0.02)
+    assert np.max(np.abs(left)) < 0.0005
+    assert (np.abs(left) < std).all()
+    assert result.settings["shown_fractions"] == {3: pytest.approx(0.18 / 31.0, rel=0.02)}
+    assert result.why.endswith(
+        "the package's second harmonic denies the radius of mode 3, what it shows was taken"
+    )
+
+
+def test_without_a_second_harmonic_such_a_motion_is_not_believed():
+    record = rigid_body.record(NEIGHBOURS, rng=np.random.default_rng(1))
+    low_passed = low_pass(record["aoa_unfiltered"].samples, 800.0, setup_of().filter, causal=True)
+    package = replace(record["aoa_unfiltered"], samples=low_passed, quantity="aoa_filtered")
+    whole = AcquisitionRecord("record", {**record.channels, "aoa_unfiltered": package})
+    result = correct(whole, setup_of(), method="modal")
+    np.testing.assert_allclose(result.angle_deg, result.raw_angle_deg, atol=1e-5)
     assert result.settings["modes_credited"] == ()
-    assert (result.flags & Flag.UNCERTAIN_CORRECTION).all()
-    assert (np.abs(left) < 2 * std).all()
+    assert (result.flags[result.settled] & Flag.UNCERTAIN_CORRECTION).all()
+
+
+@pytest.mark.parametrize("number", [3, 5])
+def test_a_sine_that_the_survey_does_not_explain_is_never_made_worse(number):
+    """The shapes of modes 1 and 5 (or 3) together, in quadrature, at the frequency of one."""
+    frequency = rigid_body.TABLE[number][1]
+    motion = rigid_body.together(
+        rigid_body.sine(1, frequency_hz=frequency, bias_deg=0.006),
+        rigid_body.sine(number, bias_deg=0.003, phase=0.4 + np.pi / 2),
+    )
+    left, raw, std, _ = errors(motion)
+    assert rms(left) <= rms(raw)
+    assert rms(left) < 2 * rms(std)
 
 
 def test_a_dead_accelerometer_moves_nothing():
@@ -115,7 +146,8 @@ def test_a_dead_accelerometer_moves_nothing():
         if channel.axis in {"+z", "-z"}
     }
     assert dead
-    result = correct(AcquisitionRecord("record", {**record.channels, **dead}), setup_of())
+    whole = AcquisitionRecord("record", {**record.channels, **dead})
+    result = correct(whole, setup_of(), method="modal")
     assert result.settings["modes_credited"] == (1,)
     assert np.abs(result.angle_deg[len(result.angle_deg) // 2]) < 0.001
 
@@ -192,6 +224,48 @@ def test_receptances_of_one_force_are_found():
     assert np.sign(found.strength[0]) != np.sign(found.strength[1])
     whole = sum(found.fraction(i, np.array([9.2, 34.2])) for i in range(3))
     np.testing.assert_allclose(np.abs(whole), 1.0, atol=0.05)
+
+
+def a_draw(seed):
+    """All six modes in both planes, levels over a decade, one force a plane or one a mode."""
+    rng = np.random.default_rng([20, seed])
+    rates = {n: 0.18 * 10 ** rng.uniform(-1.0, 0.1) for n in (1, 2)}
+    rates |= {n: rates[2 - n % 2] * 10 ** rng.uniform(-1.0, 0.3) for n in (3, 4, 5, 6)}
+    motion = rigid_body.random(
+        rates,
+        rng=rng,
+        duration_s=16.0,
+        damping=float(rng.uniform(0.005, 0.025)),
+        common_force=bool(seed % 2),
+    )
+    return motion, float(rng.choice([0.0, 4.3, 6.0]))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_six_modes_under_random_excitation_are_improved_never_worsened(seed):
+    motion, pitch_deg = a_draw(seed)
+    left, raw, std, result = errors(motion, pitch_deg=pitch_deg, seed=seed)
+    assert rms(left) < 0.5 * rms(raw)
+    assert rms(left / std) < 1.5
+    assert result.settings["unlisted_hz"] == ()
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_resonance_that_the_survey_does_not_list_is_named_and_counts(seed, monkeypatch):
+    monkeypatch.setitem(rigid_body.TABLE, 7, ("pitch", 14.0, 0.5))
+    rng = np.random.default_rng(seed)
+    motion = rigid_body.random({2: 0.15, 6: 0.03, 7: 0.12}, rng=rng, common_force=False)
+    left, raw, std, result = errors(motion, seed=seed)
+    assert rms(left) < rms(raw)
+    assert rms(left / std) < 2
+    assert result.settings["unlisted_hz"] == pytest.approx([14.0], abs=0.5)
+    assert re.search(r"; no mode lists 1[34]\.?\d* Hz$", result.why)
+
+
+def test_the_uncertainty_of_a_radius_is_that_of_its_bias():
+    uncertain = replace(TABLE_1[0], radius_std_m=0.02 * TABLE_1[0].radius_m)
+    _, raw, std, _ = errors(rigid_body.sine(1, duration_s=8.0), inertial=setup_of([uncertain]))
+    np.testing.assert_allclose(std, np.hypot(0.01, 0.02) * abs(raw.mean()), rtol=0.05)
 
 
 def test_an_accelerometer_ahead_of_the_package_is_carried_back():

@@ -114,7 +114,9 @@ def test_blocks_give_what_the_whole_stack_gives():
 
 
 def test_fields_without_a_glint_are_flagged_and_the_others_kept():
-    fields = line_fields(np.random.default_rng(5), n_fields=20, shape=(60, 400), row=30)
+    fields = line_fields(
+        np.random.default_rng(5), n_fields=20, shape=(60, 400), row=30, interlaced=True
+    )
     fields[7] = np.random.default_rng(6).integers(8, 13, (60, 400))
     angles, _ = measure(fields)
     assert angles.flags[7] == Flag.NO_GLINT | Flag.FEW_COLUMNS
@@ -133,7 +135,7 @@ def test_a_stack_without_a_glint_measures_nothing():
 
 def test_paint_and_dead_columns_do_not_pull():
     rng = np.random.default_rng(8)
-    fields = line_fields(rng, slope=0.01, row=40.3, n_fields=40)
+    fields = line_fields(rng, slope=0.01, row=40.3, n_fields=40, interlaced=True)
     fields[:, 20:60, 100:135] = 200  # a painted patch over two of the measured columns
     fields[:, :, 590] = 0
     fields[:, :, 710] = 255

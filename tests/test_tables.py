@@ -185,3 +185,11 @@ def test_full_disk_leaves_the_old_table(tmp_path):
         signal.signal(signal.SIGXFSZ, handler)
     assert path.read_text() == "a\n1\n"
     assert [each.name for each in tmp_path.iterdir()] == ["p.csv"]
+
+
+def test_a_long_table_is_written_whole(tmp_path):
+    number = np.arange(25_001)
+    write_csv(tmp_path / "long.csv", {"number": number, "half": number / 2})
+    table = np.genfromtxt(tmp_path / "long.csv", delimiter=",", names=True)
+    np.testing.assert_array_equal(table["number"], number)
+    np.testing.assert_array_equal(table["half"], number / 2)

@@ -1,5 +1,6 @@
 """``glint-aoa correct``: the inertial angle without the bias of vibration."""
 
+import math
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -29,7 +30,12 @@ _COLUMNS = "time_s,angle_deg,angle_std_deg,raw_angle_deg,bias_deg,flags"
 
 class _Method(StrEnum):
     AUTO = "auto"
+    KINEMATIC = "kinematic"
     MODAL = "modal"
+    REGRESSION = "regression"
+    NLR = "nlr"
+    HARMONIC = "harmonic"
+    SPECTRAL = "spectral"
 
 
 def correct(
@@ -59,6 +65,20 @@ def correct(
         ),
     ] = False,
     rate: Annotated[float, typer.Option(metavar="HZ", help="Rows a second to write.")] = 20.0,
+    gain_std: Annotated[
+        float,
+        typer.Option(
+            metavar="PERCENT",
+            help="Uncertainty, 1 sigma, of accelerometer gains, and of a mode's bias from its "
+            "radius.",
+        ),
+    ] = 1.0,
+    misalignment_std: Annotated[
+        float,
+        typer.Option(
+            metavar="DEG", help="Uncertainty, 1 sigma, of the directions accelerometers sense in."
+        ),
+    ] = 0.5,
     overwrite: Overwrite = False,
     strict: Annotated[
         bool,
@@ -72,6 +92,10 @@ def correct(
     """Correct the onboard angle for the bias of vibration.
 
     The package takes centrifugal acceleration for gravity; that is estimated and added back.
+    kinematic needs two accelerometers a plane at different stations and no modal test; modal one
+    a plane at the package and the modes' radii; regression vibration that grows and fades; nlr
+    and spectral one mode a plane; harmonic the package's unfiltered output. auto takes the first
+    of them that the record allows and that is certain to 0.01 deg, and says why.
 
     Writes <record>.csv: time_s, angle_deg, angle_std_deg, raw_angle_deg, bias_deg, flags. The
     means that it prints leave out the ends of a record, where the low-pass has not settled.
@@ -91,6 +115,9 @@ def correct(
         raise InputError(
             f"--rate is {rate:g}; give rows a second, above 0 and at most {_MOST_ROWS_A_SECOND:g}"
         )
+    for option, value in (("--gain-std", gain_std), ("--misalignment-std", misalignment_std)):
+        if not 0 <= value < math.inf:
+            raise InputError(f"{option} is {value:g}; give an uncertainty of zero or more")
     corrected: dict[Path, Correction] = {}
     failures: list[InputError] = []
     with bar(len(records)) as advance:
@@ -105,6 +132,8 @@ def correct(
                     method=method.value,
                     causal=causal,
                     rate_hz=rate,
+                    relative_std=gain_std / 100,
+                    misalignment_std=math.radians(misalignment_std),
                 )
             except InputError as error:
                 failures.append(error)
@@ -129,9 +158,10 @@ def _correct_one(
 ) -> "Correction":
     from glint_aoa.inertial.correct import correct as correct_record
     from glint_aoa.inertial.correct import write_correction
-    from glint_aoa.records.formats.hdf5 import read_acquisition
+    from glint_aoa.records.conditioning import prepared
+    from glint_aoa.records.formats import open_acquisition
 
-    record = read_acquisition(path, settings.inertial)
+    record = prepared(open_acquisition(path, settings.inertial))
     rows = correct_record(record, settings.inertial, **options)
     _check_is_correction(out / f"{path.stem}.csv")
     write_correction(out, path.stem, rows, overwrite=overwrite)

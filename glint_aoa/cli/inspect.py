@@ -1,7 +1,7 @@
 """``glint-aoa inspect``: what is in a recording."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -14,6 +14,10 @@ from glint_aoa.cli._common import (
     number,
     print_json,
 )
+from glint_aoa.errors import InputError
+
+if TYPE_CHECKING:
+    from glint_aoa.records.acquisition import Channel
 
 __all__ = ["inspect"]
 
@@ -31,7 +35,11 @@ _UNITS = {
 def inspect(
     recording: Annotated[
         Path,
-        typer.Argument(metavar="POINT", help="File of a recorded point.", show_default=False),
+        typer.Argument(
+            metavar="POINT",
+            help="File of a recorded point, or of an acquisition record.",
+            show_default=False,
+        ),
     ],
     setup: Annotated[
         Path | None,
@@ -51,34 +59,62 @@ def inspect(
 ) -> None:
     """Say what a recording holds, and where its glint is.
 
-    Shape, timing, exposure, acquisition channels, and what was measured of the middle field.
+    Shape, timing, exposure, acquisition channels, and what was measured of the middle field. Of an
+    acquisition record (TDMS, UFF, MATLAB, CSV, HDF5), its channels. Of a modal survey (UFF with
+    mode shapes or frequency responses), effective radii and the modes for the setup.
 
     \b
     Example: glint-aoa inspect point-01.h5 --setup glint-aoa.toml --png point-01.png
     """
-    from glint_aoa.records.formats import open_fields
+    from glint_aoa.cli.inspect_survey import inspect_survey
+    from glint_aoa.records.formats.modal_survey import is_survey
     from glint_aoa.setup import Setup, load_setup
 
     settings = Setup() if setup is None else load_setup(setup)
     if png is not None:
         check_folder(png.parent)
         check_new_files([png], overwrite=overwrite)
-    stack = open_fields(recording)
-    found = {
-        "file": recording,
-        **_shape(stack),
-        **_exposure(stack),
-        **_glint(stack, settings, png, overwrite),
-        "channels": _channels(recording),
-    }
+    if is_survey(recording):
+        inspect_survey(recording, settings.inertial, as_json=as_json)
+        return
+    found: dict[str, Any] = {"file": recording}
+    if _has_fields(recording):
+        found |= _fields(recording, settings, png, overwrite)
+    elif png is not None:
+        raise InputError(f"{recording}: no fields to show; leave out --png")
+    found["channels"] = _channels(recording, settings.inertial)
     if as_json:
         print_json(found)
         return
-    histogram = found.pop("histogram")
+    histogram = found.pop("histogram", None)
+    found["channels"] = [_channel_line(each) for each in found["channels"]]
     for key, value in found.items():
         if value not in (None, [], ""):
             typer.echo(f"{_label(key):{_WIDTH}}{_words(value)}")
-    typer.echo(f"{'histogram':{_WIDTH}}{_bars(histogram)}  (grey levels 0 to white, log scale)")
+    if histogram is not None:
+        typer.echo(f"{'histogram':{_WIDTH}}{_bars(histogram)}  (grey levels 0 to white, log scale)")
+
+
+def _has_fields(recording: Path) -> bool:
+    """Whether to open a file as a recording of fields rather than an acquisition record only."""
+    from glint_aoa.records.formats import ACQUISITION_SUFFIXES
+    from glint_aoa.records.formats.hdf5 import has_acquisition, has_fields
+
+    suffix = recording.suffix.lower()
+    if suffix in {".h5", ".hdf5"}:
+        return has_fields(recording) or not has_acquisition(recording)
+    return suffix not in ACQUISITION_SUFFIXES
+
+
+def _fields(recording: Path, settings: Any, png: Path | None, overwrite: bool) -> dict[str, Any]:
+    from glint_aoa.records.formats import open_fields
+
+    stack = open_fields(recording)
+    return {
+        **_shape(stack),
+        **_exposure(stack),
+        **_glint(stack, settings, png, overwrite),
+    }
 
 
 def _shape(stack: Any) -> dict[str, Any]:
@@ -132,7 +168,7 @@ def _glint(stack: Any, settings: Any, png: Path | None, overwrite: bool) -> dict
     with bar(stack.n_fields) as advance:
         result = measure_point(stack, settings, progress=advance)
     middle = stack.n_fields // 2
-    rows = result.angles.centre_row[middle]
+    rows = result.measurement.centres(stack.read(middle, middle + 1)).row[0]
     there = np.isfinite(rows)
     if png is not None:
         save_figure(measured_field(stack, result, middle), png, overwrite=overwrite)
@@ -148,13 +184,50 @@ def _glint(stack: Any, settings: Any, png: Path | None, overwrite: bool) -> dict
     }
 
 
-def _channels(recording: Path) -> list[str]:
-    from glint_aoa.records.formats.hdf5 import has_acquisition, read_acquisition
+def _channels(recording: Path, inertial: Any) -> list[dict[str, Any]]:
+    """Say of each acquisition channel what it is and what is wrong with its samples."""
+    from glint_aoa.records.formats import ACQUISITION_SUFFIXES, open_acquisition
+    from glint_aoa.records.formats.hdf5 import has_acquisition
 
-    if recording.suffix.lower() not in {".h5", ".hdf5"} or not has_acquisition(recording):
+    suffix = recording.suffix.lower()
+    is_point = suffix in {".h5", ".hdf5"}
+    if suffix not in ACQUISITION_SUFFIXES or (is_point and not has_acquisition(recording)):
         return []
-    channels = read_acquisition(recording).channels.values()
-    return [f"{c.name} [{c.units or '?'}] {len(c)} at {c.rate_hz:g} Hz" for c in channels]
+    record = open_acquisition(recording, inertial)
+    return [_channel(channel) for channel in record.channels.values()]
+
+
+def _channel(channel: "Channel") -> dict[str, Any]:
+    from glint_aoa.records.conditioning import missing_stretches
+
+    gaps = list(missing_stretches(channel))
+    return {
+        "name": channel.name,
+        "quantity": channel.quantity,
+        "units": channel.units,
+        "samples": len(channel),
+        "rate_hz": channel.rate_hz,
+        "start_s": channel.start_s,
+        "station_m": channel.station_m,
+        "axis": channel.axis,
+        "range": channel.limits,
+        "clipped": sum(int(block.clipped.sum()) for _, block in channel.blocks()),
+        "missing": sum(end - first for first, end in gaps),
+        "longest_gap_s": max((end - first for first, end in gaps), default=0) / channel.rate_hz,
+    }
+
+
+def _channel_line(found: dict[str, Any]) -> str:
+    line = (
+        f"{found['name']} [{found['units'] or '?'}] {found['samples']} at {found['rate_hz']:g} Hz"
+    )
+    if found["start_s"]:
+        line += f" from {found['start_s']:g} s"
+    if found["clipped"]:
+        line += f", {found['clipped']} clipped"
+    if found["missing"]:
+        line += f", {found['missing']} missing (up to {found['longest_gap_s']:.3g} s on end)"
+    return line
 
 
 def _label(key: str) -> str:

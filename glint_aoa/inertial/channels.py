@@ -1,6 +1,7 @@
 """The channels that a correction needs, chosen from a record and turned into SI units."""
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +15,11 @@ from glint_aoa.units import convert
 __all__ = [
     "Accelerometer",
     "PackageOutput",
+    "accelerometers",
     "check_same_clock",
     "companions",
     "package_output",
+    "stations_missing",
     "tangential",
 ]
 
@@ -118,12 +121,7 @@ def tangential(
         If the samples are not finite or do not measure an acceleration, or their clock is not
         the package's.
     """
-    letter = _AXIS_OF_PLANE[plane]
-    found = [
-        channel
-        for channel in record.with_quantity("acceleration")
-        if channel.axis is not None and channel.axis.endswith(letter)
-    ]
+    found = _of_plane(record, plane)
     if not found:
         return None
     channel = min(found, key=lambda each: abs(_ahead(each, package.channel)))
@@ -153,23 +151,86 @@ def companions(
     if sensor.channel.station_m is None or package.channel.station_m is None:
         return []
     found = []
-    for channel in record.with_quantity("acceleration"):
-        in_plane = channel.axis is not None and channel.axis.endswith(_AXIS_OF_PLANE[plane])
-        if not in_plane or channel.station_m is None:
+    for channel in _of_plane(record, plane):
+        if channel.station_m is None or not _same_clock(channel, sensor.channel):
             continue
         ahead = _ahead(channel, package.channel)
-        same_clock = (channel.rate_hz, channel.start_s, len(channel)) == (
-            sensor.channel.rate_hz,
-            sensor.channel.start_s,
-            len(sensor.channel),
-        )
-        if not same_clock or abs(ahead - sensor.ahead_m) < _LEAST_BASELINE_M:
+        if abs(ahead - sensor.ahead_m) < _LEAST_BASELINE_M:
             continue
         values = channel.values("m/s^2")
         if np.isfinite(values).all() and not channel.clipped.any():
             sign = 1.0 if channel.axis == sensor.channel.axis else -1.0
             found.append(Accelerometer(channel, sign * values, ahead))
     return found
+
+
+def accelerometers(
+    record: AcquisitionRecord, plane: Plane, package: PackageOutput
+) -> list[Accelerometer]:
+    """Take the accelerometers of a plane that show how it moves: one a station.
+
+    Parameters
+    ----------
+    record, plane, package
+        As for `tangential`.
+
+    Returns
+    -------
+    list of Accelerometer
+        Those at a stated station, sampled with the package, from the foremost back; accelerations
+        are along model +y or +z and may be NaN where samples are missing. Where several sense at
+        one station (the same sensor on two acquisitions, say), the one with the fewest samples
+        clipped or missing is taken. Empty if the package's station is not stated.
+
+    Raises
+    ------
+    RecordingError
+        If a channel does not measure an acceleration.
+    """
+    if package.channel.station_m is None:
+        return []
+    at: dict[float, Accelerometer] = {}
+    worst: dict[float, int] = {}
+    for channel in _of_plane(record, plane):
+        if channel.station_m is None or not _same_clock(channel, package.channel):
+            continue
+        sign = -1.0 if channel.axis == f"-{_AXIS_OF_PLANE[plane]}" else 1.0
+        values = sign * channel.values("m/s^2")
+        useless = int(np.count_nonzero(channel.clipped | ~np.isfinite(values)))
+        station = round(channel.station_m, 3)
+        if station not in at or useless < worst[station]:
+            at[station] = Accelerometer(channel, values, _ahead(channel, package.channel))
+            worst[station] = useless
+    return [at[station] for station in sorted(at, reverse=True)]
+
+
+def stations_missing(record: AcquisitionRecord, plane: Plane, package: PackageOutput) -> str | None:
+    """Say what a plane lacks to show velocity and angular rate, or None if it shows both.
+
+    Returns
+    -------
+    str or None
+        The missing channels or stations, as the end of a sentence.
+    """
+    found = accelerometers(record, plane, package)
+    if found and found[0].ahead_m - found[-1].ahead_m >= _LEAST_BASELINE_M:
+        return None
+    in_plane = _of_plane(record, plane)
+    along = f"along model {_AXIS_OF_PLANE[plane]} ({plane})"
+    if not in_plane:
+        return f"two accelerometers {along} at least {_LEAST_BASELINE_M:g} m apart"
+    unplaced = [
+        channel.name for channel in (package.channel, *in_plane) if channel.station_m is None
+    ]
+    if unplaced:
+        return f"the station of {' and '.join(unplaced)}"
+    others = [each.name for each in in_plane if not _same_clock(each, package.channel)]
+    if others:
+        return f"{' and '.join(others)} on the clock of {package.channel.name}"
+    return (
+        f"a second accelerometer {along} at least {_LEAST_BASELINE_M:g} m from "
+        f"{found[0].channel.name}"
+    )
 
 
 def check_same_clock(record: AcquisitionRecord, first: Channel, second: Channel) -> None:
@@ -192,6 +253,19 @@ def check_same_clock(record: AcquisitionRecord, first: Channel, second: Channel)
             )
 
 
+def _of_plane(record: AcquisitionRecord, plane: Plane) -> list[Channel]:
+    letter = _AXIS_OF_PLANE[plane]
+    return [
+        channel
+        for channel in record.with_quantity("acceleration")
+        if channel.axis is not None and channel.axis.endswith(letter)
+    ]
+
+
+def _same_clock(one: Channel, other: Channel) -> bool:
+    return (one.rate_hz, one.start_s, len(one)) == (other.rate_hz, other.start_s, len(other))
+
+
 def _ahead(channel: Channel, package: Channel) -> float:
     if channel.station_m is None or package.station_m is None:
         return 0.0
@@ -200,9 +274,9 @@ def _ahead(channel: Channel, package: Channel) -> float:
 
 def _axial(record: AcquisitionRecord, channel: Channel) -> NDArray[np.float64]:
     sign = -1.0 if channel.axis == "-x" else 1.0
-    if _measures(channel, "rad"):
+    if _measures(channel.units, "rad"):
         values = axial_specific_force(channel.values("rad"))
-    elif _measures(channel, "m/s^2"):
+    elif _measures(channel.units, "m/s^2"):
         values = channel.values("m/s^2")
     else:
         raise RecordingError(
@@ -213,11 +287,12 @@ def _axial(record: AcquisitionRecord, channel: Channel) -> NDArray[np.float64]:
     return sign * _finite(record, channel, values)
 
 
-def _measures(channel: Channel, unit: str) -> bool:
-    if channel.units is None:
+@cache  # a unit that does not fit is an exception, which holds its callers' arrays for a while
+def _measures(units: str | None, unit: str) -> bool:
+    if units is None:
         return False
     try:
-        convert(channel.units, unit)
+        convert(units, unit)
     except ValueError:
         return False
     return True

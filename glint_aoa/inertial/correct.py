@@ -4,27 +4,27 @@ Each method is one file with a function that says what it lacks and one that est
 `_METHODS` lists them in order of preference.
 """
 
+import itertools
+import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import scipy.signal
 from numpy.typing import NDArray
 
-from glint_aoa.errors import InputError
+from glint_aoa.errors import InputError, RecordingError
 from glint_aoa.flags import Flag
-from glint_aoa.inertial import modal
-from glint_aoa.inertial.channels import PackageOutput, package_output
-from glint_aoa.inertial.estimate import BiasEstimate
-from glint_aoa.inertial.filters import low_pass, noise_bandwidth_hz, settling_s
-from glint_aoa.inertial.modes import Mode, modes_from_setup
-from glint_aoa.inertial.sensor import indicated_angle
+from glint_aoa.inertial import harmonic, kinematic, modal, nlr, regression, spectral
+from glint_aoa.inertial.estimate import MISALIGNMENT_STD, BiasEstimate, CorrectionTask
+from glint_aoa.inertial.filters import settling_s
+from glint_aoa.inertial.modes import modes_from_setup
+from glint_aoa.inertial.output import FilteredOutput
+from glint_aoa.inertial.package import calibrated_output
 from glint_aoa.records._files import check_new, make_folder
 from glint_aoa.records.acquisition import AcquisitionRecord
 from glint_aoa.records.tables import write_csv
 from glint_aoa.setup import Inertial
-from glint_aoa.units import STANDARD_GRAVITY
 
 __all__ = ["Correction", "correct", "write_correction"]
 
@@ -33,17 +33,27 @@ _Floats = NDArray[np.float64]
 UNCERTAIN_DEG = 0.01
 """A correction less certain than this (1 sigma) is flagged [deg]: the static accuracy."""
 
-_NOISE_BAND = (1.5, 10.0)  # times the cutoff: beyond the angle's changes, below the modes
-_SEGMENT_S = 8.0
+STRETCH_S = 600.0
+"""Records longer than one and a half times this are corrected in stretches of about this [s]."""
+
+_OVERLAP_SETTLINGS = 5.0  # of the low-pass: a start is forgotten to one part in 10^9
+_OVERLAP_S = 6.0  # besides: mirror images at the ends of a band reach four seconds
 
 
 @dataclass(frozen=True)
 class _Method:
-    missing: Callable[[AcquisitionRecord, PackageOutput, tuple[Mode, ...]], str | None]
-    estimate: Callable[..., BiasEstimate]
+    missing: Callable[[CorrectionTask], str | None]
+    estimate: Callable[[CorrectionTask], BiasEstimate]
 
 
-_METHODS: Mapping[str, _Method] = {"modal": _Method(modal.missing, modal.estimate_bias)}
+_METHODS: Mapping[str, _Method] = {
+    "kinematic": _Method(kinematic.missing, kinematic.estimate_bias),
+    "modal": _Method(modal.missing, modal.estimate_bias),
+    "regression": _Method(regression.missing, regression.estimate_bias),
+    "nlr": _Method(nlr.missing, nlr.estimate_bias),
+    "harmonic": _Method(harmonic.missing, harmonic.estimate_bias),
+    "spectral": _Method(spectral.missing, spectral.estimate_bias),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +107,7 @@ def correct(
     causal: bool = False,
     rate_hz: float = 20.0,
     relative_std: float = 0.01,
+    misalignment_std: float = MISALIGNMENT_STD,
 ) -> Correction:
     """Correct the inertial angle for the bias of vibration.
 
@@ -110,14 +121,18 @@ def correct(
     inertial : Inertial
         The setup's inertial section: low-pass and modes.
     method : str
-        ``"auto"`` or the name of a method.
+        The name of a method, or ``"auto"``: the first of kinematic, modal ... that the record has
+        the channels for and that is certain to 0.01 deg (1 sigma), else the most certain one.
     causal : bool
         False: low-pass forward and backward, without delay. True: forward only, as on-line. The
         bias before the low-pass is estimated from the whole record either way.
     rate_hz : float
         Rows a second [Hz]; the first row is at the record's start.
     relative_std : float
-        Uncertainty of each mode's bias from its radius and from gains, 1 sigma, relative.
+        Relative uncertainty, 1 sigma, of an accelerometer's gain (kinematic) or of the bias of
+        a mode from its radius and from gains (modal).
+    misalignment_std : float
+        Uncertainty of the direction in which an accelerometer senses, 1 sigma [rad].
 
     Returns
     -------
@@ -138,44 +153,21 @@ def correct(
     raw angle then keep the package's delay.
 
     `angle_std_deg` combines the package's noise after the low-pass, read from the corrected
-    signal just above the cutoff, with the method's own error terms and with clipping. It holds
-    for the noise of a row, not for the package's static calibration.
+    signal just above the cutoff, with the method's own error terms and with clipping; it is NaN
+    where the method cannot know. It holds for the noise of a row, not for the package's static
+    calibration.
+
+    A record of more than 15 minutes is read and corrected in overlapping stretches of about ten,
+    so its length costs time but no memory. The method is chosen on the first one.
     """
     if not rate_hz > 0:
         raise InputError(f"rate_hz is {rate_hz:g}; give a number of rows a second above zero")
-    package = package_output(record)
-    modes = modes_from_setup(inertial)
-    name, reason = _choose(method, record, package, modes)
-    estimate = _METHODS[name].estimate(record, package, modes, relative_std=relative_std)
-    run = _Run(package, inertial, causal or package.is_filtered)
-    filtered_bias = run.low_pass(estimate.addition)
-    raw = run.package_filtered()
-    corrected = raw + filtered_bias
-    std = run.std(estimate, corrected)
-    rows = run.rows(rate_hz)
-    angle, raw_angle = (
-        np.degrees(indicated_angle(run.at(rows, each))) for each in (corrected, raw)
-    )
-    angle_std = np.degrees(run.at(rows, std) / _slope(run.at(rows, corrected)))
-    settings = {
-        "causal": run.causal,
-        "filter_kind": inertial.filter.kind,
-        "filter_order": inertial.filter.order,
-        "filter_cutoff_hz": inertial.filter.cutoff,
-        "package_channel": package.channel.name,
-        **estimate.settings,
-    }
-    return Correction(
-        time_s=package.channel.start_s + rows,
-        angle_deg=angle,
-        angle_std_deg=angle_std,
-        raw_angle_deg=raw_angle,
-        bias_deg=raw_angle - angle,
-        flags=run.flags(rows, estimate, angle_std),
-        method=name,
-        why=f"{reason}{estimate.why}{_FILTERED_ONLY if package.is_filtered else ''}",
-        settings=settings,
-    )
+    job = _Job(inertial, method, causal, rate_hz, relative_std, misalignment_std)
+    stretches = _stretches(record, inertial)
+    parts = [_correct_stretch(record, job, stretches[0])]
+    for stretch in stretches[1:]:
+        parts.append(_correct_stretch(record, replace(job, method=parts[0].method), stretch))
+    return parts[0] if len(parts) == 1 else _joined(parts)
 
 
 def write_correction(
@@ -227,96 +219,163 @@ _FILTERED_ONLY = (
 )
 
 
-def _choose(
-    method: str, record: AcquisitionRecord, package: PackageOutput, modes: tuple[Mode, ...]
-) -> tuple[str, str]:
-    """Return the method's name and the first half of why it was chosen."""
-    if method != "auto" and method not in _METHODS:
-        raise InputError(f"method is {method!r}; choose one of {', '.join(['auto', *_METHODS])}")
-    names = list(_METHODS) if method == "auto" else [method]
-    lacking = {name: _METHODS[name].missing(record, package, modes) for name in names}
-    for name, lack in lacking.items():
-        if lack is None:
-            return name, "chosen automatically: " if method == "auto" else "as asked: "
-    needs = "; ".join(f"the {name} correction lacks {lack}" for name, lack in lacking.items())
-    raise InputError(f"{record.name}: {needs}")
+@dataclass(frozen=True)
+class _Job:
+    """What `correct` was asked for."""
+
+    inertial: Inertial
+    method: str
+    causal: bool
+    rate_hz: float
+    relative_std: float
+    misalignment_std: float
 
 
-def _slope(specific_force: _Floats) -> _Floats:
-    """Change of the specific force with the angle, g cos(alpha) [m/s^2 per rad]."""
-    ratio = np.clip(specific_force / STANDARD_GRAVITY, -0.999, 0.999)
-    return np.asarray(STANDARD_GRAVITY * np.sqrt(1 - ratio**2))
+@dataclass(frozen=True)
+class _Stretch:
+    """Samples of the package's output to read, and those of them whose rows are kept."""
+
+    start: int
+    stop: int
+    keep_start: int
+    keep_stop: int
+    is_whole: bool
 
 
 @dataclass(frozen=True, eq=False)
-class _Run:
-    """One package output on its way through the low-pass."""
+class _Candidate:
+    """One method's correction of a stretch, before the low-passed output is sampled."""
 
-    package: PackageOutput
-    inertial: Inertial
-    causal: bool
+    name: str
+    estimate: BiasEstimate
+    corrected: _Floats
+    std: _Floats
+    typical_std_deg: float
 
-    @property
-    def rate_hz(self) -> float:
-        return self.package.channel.rate_hz
 
-    @property
-    def time_s(self) -> _Floats:
-        return np.asarray(np.arange(self.package.specific_force.size) / self.rate_hz)
+def _stretches(record: AcquisitionRecord, inertial: Inertial) -> list[_Stretch]:
+    clock = record.package_clock()
+    count = max(int(clock.size / clock.rate_hz / STRETCH_S + 0.5), 1)
+    overlap = _OVERLAP_SETTLINGS * settling_s(inertial.filter) + _OVERLAP_S
+    margin = math.ceil(overlap * clock.rate_hz)
+    edges = [round(clock.size * part / count) for part in range(count + 1)]
+    return [
+        _Stretch(max(start - margin, 0), min(stop + margin, clock.size), start, stop, count == 1)
+        for start, stop in itertools.pairwise(edges)
+    ]
 
-    def low_pass(self, samples: _Floats) -> _Floats:
-        return low_pass(samples, self.rate_hz, self.inertial.filter, causal=self.causal)
 
-    def package_filtered(self) -> _Floats:
-        if self.package.is_filtered:
-            return self.package.specific_force
-        return self.low_pass(self.package.specific_force)
+def _correct_stretch(record: AcquisitionRecord, job: _Job, stretch: _Stretch) -> Correction:
+    start_s = record.package_clock().start_s
+    part = record if stretch.is_whole else record.segment(stretch.start, stretch.stop)
+    package = calibrated_output(part, job.inertial)
+    modes = modes_from_setup(job.inertial)
+    task = CorrectionTask(
+        part, package, modes, job.inertial.filter, job.relative_std, job.misalignment_std
+    )
+    output = FilteredOutput(package, job.inertial.filter, job.causal or package.is_filtered)
+    chosen, reason = _choose(job.method, task, output)
+    rows = _rows(stretch, package.channel.rate_hz, job.rate_hz)
+    within = rows - stretch.start / package.channel.rate_hz
+    raw_angle = output.angle_deg(within, output.uncorrected)
+    angle = output.angle_deg(within, chosen.corrected)
+    angle_std = output.angle_std_deg(within, chosen.corrected, chosen.std)
+    flags = output.flags(within, chosen.estimate)
+    flags[~(angle_std <= UNCERTAIN_DEG)] |= Flag.UNCERTAIN_CORRECTION
+    return Correction(
+        time_s=start_s + rows,
+        angle_deg=angle,
+        angle_std_deg=angle_std,
+        raw_angle_deg=raw_angle,
+        bias_deg=raw_angle - angle,
+        flags=flags,
+        method=chosen.name,
+        why=f"{reason}{chosen.estimate.why}{_FILTERED_ONLY if package.is_filtered else ''}",
+        settings={
+            "causal": output.causal,
+            "filter_kind": job.inertial.filter.kind,
+            "filter_order": job.inertial.filter.order,
+            "filter_cutoff_hz": job.inertial.filter.cutoff,
+            "package_channel": package.channel.name,
+            **chosen.estimate.settings,
+        },
+    )
 
-    def rows(self, rate_hz: float) -> _Floats:
-        """Return times of the rows after the record's start [s]."""
-        last = self.time_s[-1]
-        return np.asarray(np.arange(int(last * rate_hz * (1 + 1e-12)) + 1) / rate_hz)
 
-    def at(self, rows: _Floats, samples: _Floats) -> _Floats:
-        return np.interp(rows, self.time_s, samples)
+def _rows(stretch: _Stretch, sampling_hz: float, rate_hz: float) -> _Floats:
+    """Return times of the rows to keep, after the record's start [s]."""
+    first, last = stretch.keep_start / sampling_hz, stretch.keep_stop / sampling_hz
+    end = (stretch.keep_stop - 1) / sampling_hz if stretch.keep_stop == stretch.stop else last
+    numbers = np.arange(math.floor(first * rate_hz), int(end * rate_hz * (1 + 1e-12)) + 1)
+    rows = numbers / rate_hz
+    beyond = np.inf if stretch.keep_stop == stretch.stop else last
+    return np.asarray(rows[(rows >= first) & (rows < beyond)])
 
-    def std(self, estimate: BiasEstimate, corrected: _Floats) -> _Floats:
-        """Return the standard uncertainty of the corrected specific force [sample, m/s^2]."""
-        terms = [self.low_pass(term) for term in estimate.std_terms]
-        variance = np.sum([term**2 for term in terms], axis=0) + self._noise(estimate, corrected)
-        if np.any(estimate.clipped):
-            clipped = np.clip(self.low_pass(estimate.clipped.astype(float)), 0.0, 0.9)
-            variance = variance + (clipped / (1 - clipped) * self.low_pass(estimate.addition)) ** 2
-        return np.asarray(np.sqrt(variance))
 
-    def _noise(self, estimate: BiasEstimate, corrected: _Floats) -> float:
-        """Variance of the noise after the low-pass, from its density above the cutoff."""
-        filter_ = self.inertial.filter
-        if self.package.is_filtered:
-            return float(np.var(np.diff(corrected)) / 2)
-        signal = self.package.specific_force + estimate.addition
-        segment = min(signal.size, round(_SEGMENT_S * self.rate_hz))
-        bins, density = scipy.signal.welch(signal, self.rate_hz, nperseg=segment)
-        low, high = (edge * filter_.cutoff for edge in _NOISE_BAND)
-        level = float(np.median(density[(bins >= low) & (bins <= high)]))
-        return level * noise_bandwidth_hz(filter_, causal=self.causal)
+def _joined(parts: list[Correction]) -> Correction:
+    columns = ("time_s", "angle_deg", "angle_std_deg", "raw_angle_deg", "bias_deg", "flags")
+    joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in columns}
+    first = parts[0]
+    return Correction(
+        **joined,
+        method=first.method,
+        why=f"{first.why}; in {len(parts)} stretches, the first of which this describes",
+        settings={**first.settings, "stretches": len(parts)},
+    )
 
-    def flags(self, rows: _Floats, estimate: BiasEstimate, angle_std: _Floats) -> NDArray[np.int64]:
-        settling = settling_s(self.inertial.filter)
-        mask = np.zeros(rows.size, np.int64)
-        at_end = estimate.settling_s if self.causal else settling
-        unsettled = (rows < settling) | (rows > self.time_s[-1] - at_end)
-        mask[unsettled] |= Flag.FILTER_SETTLING
-        mask[self._near_clipping(rows, estimate, settling)] |= Flag.CLIPPED_CHANNEL
-        mask[~(angle_std <= UNCERTAIN_DEG)] |= Flag.UNCERTAIN_CORRECTION
-        return mask
 
-    def _near_clipping(
-        self, rows: _Floats, estimate: BiasEstimate, settling: float
-    ) -> NDArray[np.bool_]:
-        """Rows whose low-pass still remembers a clipped sample."""
-        count = np.concatenate([[0], np.cumsum(estimate.clipped)])
-        first = np.searchsorted(self.time_s, rows - settling)
-        ahead = 0.0 if self.causal else settling
-        last = np.searchsorted(self.time_s, rows + ahead, side="right")
-        return np.asarray(count[last] > count[first])
+def _choose(method: str, task: CorrectionTask, output: FilteredOutput) -> tuple[_Candidate, str]:
+    """Return the correction and the first half of why its method was chosen."""
+    if method == "auto":
+        return _most_certain(task, output)
+    if method not in _METHODS:
+        raise InputError(f"method is {method!r}; choose one of {', '.join(['auto', *_METHODS])}")
+    lack = _METHODS[method].missing(task)
+    if lack is not None:
+        raise InputError(f"{task.record.name}: the {method} correction lacks {lack}")
+    return _candidate(method, task, output), "as asked: "
+
+
+def _most_certain(task: CorrectionTask, output: FilteredOutput) -> tuple[_Candidate, str]:
+    """Take the first method that is certain enough, else the most certain, and say why."""
+    candidates: list[_Candidate] = []
+    lacking: dict[str, str] = {}
+    failures: dict[str, RecordingError] = {}
+    for name, method in _METHODS.items():
+        lack = method.missing(task)
+        if lack is not None:
+            lacking[name] = f"the {name} correction lacks {lack}"
+            continue
+        try:
+            candidates.append(_candidate(name, task, output))
+        except RecordingError as error:
+            failures[name] = error
+            continue
+        if candidates[-1].typical_std_deg <= UNCERTAIN_DEG:
+            break
+    if not candidates:
+        raise next(iter(failures.values()), None) or InputError(
+            f"{task.record.name}: {'; '.join(lacking.values())}"
+        )
+    chosen = min(candidates, key=lambda each: each.typical_std_deg)
+    doubts = [lacking[name] for name in list(_METHODS)[:1] if name in lacking]
+    doubts += [
+        f"the {each.name} correction is {_certain(each.typical_std_deg)} here"
+        for each in candidates
+        if each is not chosen
+    ]
+    doubts += [f"the {name} correction cannot be made" for name in failures]
+    since = f", since {' and '.join(doubts)}" if doubts else ""
+    return chosen, f"chosen automatically{since}: "
+
+
+def _certain(std_deg: float) -> str:
+    return f"certain to {std_deg:.3f} deg only" if np.isfinite(std_deg) else "of unknown certainty"
+
+
+def _candidate(name: str, task: CorrectionTask, output: FilteredOutput) -> _Candidate:
+    estimate = _METHODS[name].estimate(task)
+    corrected = output.uncorrected + output.low_pass(estimate.addition)
+    std = output.std(estimate, corrected)
+    typical = output.typical_std_deg(corrected, std)
+    return _Candidate(name, estimate, corrected, std, typical)

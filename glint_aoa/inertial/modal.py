@@ -9,22 +9,28 @@ out its power (`separation`), which also serves sines and independent forces.
 """
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from glint_aoa.errors import InputError
-from glint_aoa.inertial.channels import Accelerometer, PackageOutput, companions, tangential
-from glint_aoa.inertial.estimate import BiasEstimate
-from glint_aoa.inertial.filters import filter_spectrum
+from glint_aoa.inertial.channels import (
+    Accelerometer,
+    PackageOutput,
+    companions,
+    tangential,
+)
+from glint_aoa.inertial.consistency import shown_by_package
+from glint_aoa.inertial.estimate import BiasEstimate, CorrectionTask
+from glint_aoa.inertial.filters import filter_spectrum, integrate_band
 from glint_aoa.inertial.modes import Mode, Plane
 from glint_aoa.inertial.receptance import Receptances, fit_receptances
 from glint_aoa.inertial.separation import Share, separate
 from glint_aoa.inertial.spectrum import PlaneSpectrum
 from glint_aoa.inertial.turning import turning_per_acceleration
-from glint_aoa.records.acquisition import AcquisitionRecord
+from glint_aoa.inertial.unlisted import BAND, unlisted_resonances
 from glint_aoa.units import STANDARD_GRAVITY
 
 __all__ = ["estimate_bias", "missing"]
@@ -46,6 +52,12 @@ turn the model by 0.3 deg."""
 _CONTRADICTION = 0.25
 """Relative difference of two inverse radii beyond which the survey's is not believed."""
 
+_HARMONIC_BAND = 0.08
+"""Half-width over frequency of the second harmonic of a mode."""
+
+_CLEAR = 0.1
+"""Standard deviation, over the share, up to which the second harmonic speaks clearly."""
+
 _GAIN_STD = 0.01
 """Uncertainty of the ratio of two accelerometers' gains, 1 sigma."""
 
@@ -66,56 +78,40 @@ class _PlaneBias:
     credited: list[int]
     how: str
     turned_m: dict[int, float] = field(default_factory=dict)
+    denied: dict[int, float] = field(default_factory=dict)
+    unlisted_hz: list[float] = field(default_factory=list)
 
 
-def missing(
-    record: AcquisitionRecord, package: PackageOutput, modes: tuple[Mode, ...]
-) -> str | None:
+def missing(task: CorrectionTask) -> str | None:
     """Say what the method lacks, or None if it can be used.
 
     Parameters
     ----------
-    record : AcquisitionRecord
-        The record.
-    package : PackageOutput
-        The package's output.
-    modes : tuple of Mode
-        The modes of the setup.
+    task : CorrectionTask
+        Record, package output and modes.
 
     Returns
     -------
     str or None
         The missing channels or modes, as the end of a sentence.
     """
-    if not modes:
+    if not task.modes:
         return "modes: list each vibration mode as [[inertial.mode]] in the setup"
-    planes = [plane for plane in _PLANES if any(mode.plane == plane for mode in modes)]
-    absent = [plane for plane in planes if tangential(record, plane, package) is None]
+    planes = [plane for plane in _PLANES if any(mode.plane == plane for mode in task.modes)]
+    absent = [plane for plane in planes if tangential(task.record, plane, task.package) is None]
     if absent:
         axes = " and ".join(f"model {_AXIS[plane]} ({plane} modes)" for plane in absent)
         return f"an accelerometer at the package along {axes}"
     return None
 
 
-def estimate_bias(
-    record: AcquisitionRecord,
-    package: PackageOutput,
-    modes: tuple[Mode, ...],
-    *,
-    relative_std: float = 0.01,
-) -> BiasEstimate:
+def estimate_bias(task: CorrectionTask) -> BiasEstimate:
     """Estimate the bias of the package's output from its modes.
 
     Parameters
     ----------
-    record : AcquisitionRecord
-        Package output and one tangential accelerometer for each plane that has modes.
-    package : PackageOutput
-        The package's output.
-    modes : tuple of Mode
-        The modes, in order of frequency.
-    relative_std : float
-        Uncertainty of each mode's bias from its radius and from gains, 1 sigma, relative.
+    task : CorrectionTask
+        A record with one tangential accelerometer for each plane that has modes.
 
     Returns
     -------
@@ -131,34 +127,38 @@ def estimate_bias(
 
     Where accelerometers at other stations show that the model turns about another point than the
     survey says, by more than a quarter in the inverse radius, their radius is taken and named.
+    Where the package's own second harmonic (eq. 6) clearly shows less than half of what a mode's
+    radius predicts, as for a sine at the frequency of a mode with a small radius that another
+    mode's skirt answers too, what it shows is taken, to within its whole size.
+
+    A resonance that no mode lists is named, and its V^2 over the middle radius of the plane's modes
+    counts as uncertainty; it is not corrected.
 
     Products of velocity and angular rate of different modes have no mean in steady motion at
     well-separated frequencies. They are kept where one force is seen to move all modes and left
     out, as in eq. 8, elsewhere.
     """
+    record, package, relative_std = task.record, task.package, task.relative_std
     sine = float(np.clip(np.mean(package.specific_force) / STANDARD_GRAVITY, -1.0, 1.0))
     found: list[_PlaneBias] = []
     clipped = np.asarray(package.channel.clipped)
     names = []
     for plane in _PLANES:
-        in_plane = tuple(mode for mode in modes if mode.plane == plane)
+        in_plane = tuple(mode for mode in task.modes if mode.plane == plane)
         sensor = tangential(record, plane, package) if in_plane else None
         if sensor is None:
             continue
         names.append(sensor.channel.name)
         clipped = clipped | sensor.channel.clipped
         others = companions(record, plane, package, sensor)
-        found.append(_plane_bias(sensor, others, in_plane, sine, relative_std))
+        found.append(_plane_bias(package, sensor, others, in_plane, sine, relative_std))
     credited = sorted(number for plane in found for number in plane.credited)
-    which = "no mode stands out"
-    if credited:
-        which = f"modes that stand out: {', '.join(str(number) for number in credited)}"
     turned = {number: radius for plane in found for number, radius in plane.turned_m.items()}
-    if turned:
-        which += (
-            "; the accelerometers contradict the radius of mode "
-            f"{' and '.join(str(number) for number in sorted(turned))}, theirs was taken"
-        )
+    denied = {number: part for plane in found for number, part in plane.denied.items()}
+    unlisted = [each for plane in found for each in plane.unlisted_hz]
+    which = _which(credited, turned, denied)
+    if unlisted:
+        which += f"; no mode lists {' and '.join(f'{each:.3g} Hz' for each in unlisted)}"
     return BiasEstimate(
         addition=np.sum([plane.addition for plane in found], axis=0),
         std_terms=[term for plane in found for term in plane.std_terms if np.any(term)],
@@ -170,12 +170,32 @@ def estimate_bias(
             "mode_frequencies_hz": {k: v for p in found for k, v in p.frequencies_hz.items()},
             "modes_credited": tuple(credited),
             "measured_radii_m": turned,
+            "shown_fractions": denied,
+            "unlisted_hz": tuple(unlisted),
             "separation": tuple(plane.how for plane in found),
         },
     )
 
 
+def _which(credited: list[int], turned: Iterable[int], denied: Iterable[int]) -> str:
+    """Say which modes were used, and whose radii were not believed."""
+    sentence = "no mode stands out"
+    if credited:
+        sentence = f"modes that stand out: {', '.join(str(number) for number in credited)}"
+    for numbers, reason in (
+        (sorted(turned), "the accelerometers contradict the radius of mode {}, theirs was taken"),
+        (
+            sorted(denied),
+            "the package's second harmonic denies the radius of mode {}, what it shows was taken",
+        ),
+    ):
+        if numbers:
+            sentence += "; " + reason.format(" and ".join(str(number) for number in numbers))
+    return sentence
+
+
 def _plane_bias(
+    package: PackageOutput,
     sensor: Accelerometer,
     others: list[Accelerometer],
     modes: tuple[Mode, ...],
@@ -190,11 +210,33 @@ def _plane_bias(
         spectrum.bins_hz[inside], spectrum.power[inside], spectrum.averages, spectrum.peaks_hz
     )
     if receptances is None:
-        return _from_shares(sensor, others, separate(spectrum, modes), sine, relative_std)
-    return _from_receptances(sensor, modes, spectrum, receptances, sine, relative_std)
+        shares = separate(spectrum, modes)
+        found = _from_shares(package, sensor, others, shares, sine, relative_std)
+    else:
+        found = _from_receptances(sensor, modes, spectrum, receptances, sine, relative_std)
+    unlisted = unlisted_resonances(spectrum)
+    terms = _unlisted_terms(sensor, modes, unlisted)
+    return replace(found, std_terms=[*found.std_terms, *terms], unlisted_hz=unlisted)
+
+
+def _unlisted_terms(
+    sensor: Accelerometer, modes: tuple[Mode, ...], unlisted_hz: list[float]
+) -> list[_Floats]:
+    """Bias of resonances whose points of rotation nobody knows, by the middle one of the plane."""
+    middle = float(np.median([abs(mode.radius_m) for mode in modes]))
+    rate_hz = sensor.channel.rate_hz
+    return [
+        integrate_band(
+            sensor.acceleration, rate_hz, low_hz=(1 - BAND) * each, high_hz=(1 + BAND) * each
+        )
+        ** 2
+        / middle
+        for each in unlisted_hz
+    ]
 
 
 def _from_shares(
+    package: PackageOutput,
     sensor: Accelerometer,
     others: list[Accelerometer],
     shares: list[Share],
@@ -212,39 +254,84 @@ def _from_shares(
     responses = [_velocity(share.gain) for share in shares]
     responses += [_velocity(share.foreign_gain) for share in shares]
     velocities = filter_spectrum(sensor.acceleration, sensor.channel.rate_hz, responses)
-    additions: list[_Floats] = []
-    terms: list[_Floats] = []
     speeds: list[_Floats] = []
-    credited: list[int] = []
-    for index, share in enumerate(shares):
+    parts: list[_ShareBias] = []
+    for share, own, foreign in zip(shares, velocities, velocities[len(shares) :], strict=False):
         arm = _arm_factor(share.mode, share.frequency_hz, sensor.ahead_m, sine)
-        factor = arm**2 / share.mode.radius_m
-        own, foreign = velocities[index], velocities[len(shares) + index]
         speeds.append(arm * own)
-        if _turns_credibly(speeds[-1], share):
-            credited.append(share.mode.number)
-            additions.append(factor * own**2)
-            terms += [relative_std * additions[-1], share.foreign_std * factor * foreign**2]
-            if share.mode.number in turned:
-                terms.append(_GAIN_STD / _baseline(sensor, others) * speeds[-1] ** 2)
-        else:  # V * omega with a rate of turning that is not known, but within what is credible
-            additions.append(np.zeros_like(own))
-            terms.append(_CREDIBLE_TURN * 2 * np.pi * share.frequency_hz * np.abs(own))
+        parts.append(_share_bias(package, share, own, foreign, arm=arm, gain_std=relative_std))
+        if share.mode.number in turned and parts[-1].is_believed:
+            parts[-1].terms.append(_GAIN_STD / _baseline(sensor, others) * speeds[-1] ** 2)
+    terms = [term for part in parts for term in part.terms]
     radii = [share.mode.radius_m for share in shares]
     for (one, r), (other, s) in itertools.combinations(zip(speeds, radii, strict=True), 2):
         terms.append(_CROSS_STD * (1 / r + 1 / s) * one * other)
     return _PlaneBias(
-        addition=np.sum(additions, axis=0),
+        addition=np.sum([part.addition for part in parts], axis=0),
         std_terms=terms,
         frequencies_hz={share.mode.number: share.frequency_hz for share in shares},
         credited=[
             share.mode.number
-            for share in shares
-            if share.credited and share.mode.number in credited
+            for share, part in zip(shares, parts, strict=True)
+            if share.credited and part.is_believed
         ],
         how="shares of power",
         turned_m=turned,
+        denied={
+            share.mode.number: part.shown
+            for share, part in zip(shares, parts, strict=True)
+            if part.shown is not None
+        },
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _ShareBias:
+    addition: _Floats
+    terms: list[_Floats]
+    is_believed: bool = False
+    shown: float | None = None
+
+
+def _share_bias(
+    package: PackageOutput,
+    share: Share,
+    own: _Floats,
+    foreign: _Floats,
+    *,
+    arm: float,
+    gain_std: float,
+) -> _ShareBias:
+    """Square one mode's velocity and divide it by its radius, if that can be believed."""
+    factor = arm**2 / share.mode.radius_m
+    addition = factor * own**2
+    shown = _shown_instead(package, addition, share)
+    if shown is not None:
+        part = max(shown.real, 0.0)
+        return _ShareBias(part * addition, [abs(shown) * addition], shown=part)
+    if not _turns_credibly(arm * own, share):
+        # V * omega with a rate of turning that is not known, but within what is credible
+        unknown = _CREDIBLE_TURN * 2 * np.pi * share.frequency_hz * np.abs(own)
+        return _ShareBias(np.zeros_like(own), [unknown])
+    leak = share.foreign_std * factor * foreign**2
+    return _ShareBias(
+        addition, [_relative_std(share.mode, gain_std) * addition, leak], is_believed=True
+    )
+
+
+def _shown_instead(package: PackageOutput, addition: _Floats, share: Share) -> complex | None:
+    """Fraction of a mode's predicted bias that the package shows, where it denies the rest."""
+    if package.is_filtered or not share.credited:
+        return None
+    shown, std = shown_by_package(
+        package.specific_force,
+        addition,
+        package.channel.rate_hz,
+        low_hz=2 * (1 - _HARMONIC_BAND) * share.frequency_hz,
+        high_hz=2 * (1 + _HARMONIC_BAND) * share.frequency_hz,
+    )
+    is_clear = std < _CLEAR * share.purity
+    return shown / share.purity if is_clear and shown.real < share.purity / 2 else None
 
 
 def _as_it_turns(
@@ -260,7 +347,12 @@ def _as_it_turns(
         return share
     arm = 1 / measured if abs(measured) * _LONGEST_ARM_M > 1 else _LONGEST_ARM_M
     radius = arm - sensor.ahead_m - tipping
-    return replace(share, mode=replace(share.mode, radius_m=radius))
+    return replace(share, mode=replace(share.mode, radius_m=radius, radius_std_m=0.0))
+
+
+def _relative_std(mode: Mode, gain_std: float) -> float:
+    """Uncertainty of a mode's bias from its radius and from gains, 1 sigma, relative."""
+    return float(np.hypot(gain_std, mode.radius_std_m / mode.radius_m))
 
 
 def _baseline(sensor: Accelerometer, others: list[Accelerometer]) -> float:
@@ -320,7 +412,7 @@ def _from_receptances(
     for index, (velocity, rate) in enumerate(zip(velocities, rates, strict=True)):
         strength, std = abs(receptances.strength[index]), receptances.strength_std[index]
         if credited[index]:
-            terms.append(relative_std * total * rate)
+            terms.append(_relative_std(modes[index], relative_std) * total * rate)
             terms.append(std / strength * (total * rate + turning * velocity))
         else:
             scale = np.hypot(strength, std) / max(strength, np.finfo(float).tiny)

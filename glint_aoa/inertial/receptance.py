@@ -31,7 +31,8 @@ _DAMPING, _LOG_DAMPING_STD = 0.01, 0.7  # of structures without air: 0.5 to 2 pe
 _PEAK_STD = 0.02  # of a resonance from its peak, relative
 _LEAST_CONTRAST, _MOST_CONTRAST = 10.0, 1e6  # peak over median: noise below, a line beyond
 _WORST_FIT = 1.1  # rms deviation of the log spectrum over its expected scatter
-_MOST_DAMPING = 0.06  # a resonance wider than this stands in for something else
+_LEAST_DAMPING, _MOST_DAMPING = 0.0015, 0.06  # a line and a hump, no resonances
+_FARTHEST = 0.06  # of a resonance from its peak: it has gone to explain another
 _STANDS_OUT = 4.0  # standard deviations of the strength of a mode that is credited
 _QUIET = 0.01  # of the modes' summed power: keeps fractions finite where modes cancel
 
@@ -60,8 +61,9 @@ class Receptances:
 
     @property
     def is_plausible(self) -> bool:
-        """Whether the model explains the spectrum with resonances, not with broad humps."""
-        return self.misfit <= _WORST_FIT and bool(np.all(self.damping <= _MOST_DAMPING))
+        """Whether the model explains the spectrum with resonances, not with lines or humps."""
+        narrow, wide = self.damping < _LEAST_DAMPING, self.damping > _MOST_DAMPING
+        return self.misfit <= _WORST_FIT and not bool(np.any(narrow | wide))
 
     @property
     def credited(self) -> NDArray[np.bool_]:
@@ -104,7 +106,8 @@ def fit_receptances(
     problem = _Problem.of(bins_hz, power, averages, peaks_hz)
     for signs in itertools.product((1.0, -1.0), repeat=len(peaks_hz) - 1):
         found = problem.solve(np.array([1.0, *signs]))
-        if found.is_plausible:
+        stray = np.abs(found.frequency_hz / problem.peaks - 1) > _FARTHEST
+        if found.is_plausible and not stray.any():
             return found
     return None
 

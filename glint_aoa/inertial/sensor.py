@@ -8,13 +8,17 @@ Signs: nose up is positive. The point of rotation of a mode with radius rho > 0 
 sensor, so its centripetal acceleration points aft and the indicated angle falls.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glint_aoa.errors import InputError
+from glint_aoa.setup import Inertial
 from glint_aoa.units import STANDARD_GRAVITY
 
 __all__ = [
+    "SensorModel",
     "axial_specific_force",
     "bias_angle",
     "bias_from_acceleration",
@@ -24,6 +28,105 @@ __all__ = [
 ]
 
 _Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SensorModel:
+    """What the package indicates of the specific force, at rest (eq. 6 without vibration).
+
+    Indicated = (scale + scale_per_kelvin dT) g sin(alpha + misalignment)
+    + bias + bias_per_kelvin dT, with dT the temperature less the reference.
+
+    Attributes
+    ----------
+    scale : float
+        Indicated over true specific force at the reference temperature.
+    bias : float
+        Indicated where nothing is felt, at the reference temperature [m/s^2].
+    misalignment : float
+        Angle of the sensitive axis above model x [rad]. Its angle to the side is of second order
+        for a model that does not roll.
+    scale_per_kelvin : float
+        Change of `scale` [1/K].
+    bias_per_kelvin : float
+        Change of `bias` [m/s^2/K].
+    temperature : float
+        Reference temperature [K]; the paper's package is kept at 160 degF, 344.3 K.
+    """
+
+    scale: float = 1.0
+    bias: float = 0.0
+    misalignment: float = 0.0
+    scale_per_kelvin: float = 0.0
+    bias_per_kelvin: float = 0.0
+    temperature: float = 344.261
+
+    @classmethod
+    def from_setup(cls, inertial: Inertial) -> "SensorModel":
+        """Take the model that the setup states; an ideal package if it states none."""
+        return cls(**inertial.sensor.model_dump())
+
+    def indicated(self, angle: ArrayLike, *, temperature: ArrayLike | None = None) -> _Floats:
+        """Give what the package indicates of an angle at rest.
+
+        Parameters
+        ----------
+        angle : array_like
+            Pitch angle alpha [rad].
+        temperature : array_like, optional
+            Of the package [K]; the reference if not given.
+
+        Returns
+        -------
+        ndarray
+            Indicated specific force [m/s^2].
+        """
+        scale, bias = self._at(temperature)
+        along = axial_specific_force(np.asarray(angle, np.float64) + self.misalignment)
+        return np.asarray(scale * along + bias)
+
+    def specific_force(
+        self, indicated: ArrayLike, *, temperature: ArrayLike | None = None
+    ) -> _Floats:
+        """Turn what the package indicates into the specific force along model x.
+
+        The inverse of `indicated`: scale and bias are taken out, and the sensitive axis is turned
+        into the model's. Under vibration the turn is exact for what gravity does; of transverse
+        accelerations, which a misaligned package senses too, nothing is taken out: they have no
+        mean.
+
+        Parameters
+        ----------
+        indicated : array_like
+            Indicated specific force [m/s^2].
+        temperature : array_like, optional
+            Of the package [K]; the reference if not given.
+
+        Returns
+        -------
+        ndarray
+            Specific force along model +x [m/s^2]; unchanged for an ideal package.
+        """
+        scale, bias = self._at(temperature)
+        along = (np.asarray(indicated, np.float64) - bias) / scale
+        if self.misalignment == 0:
+            return np.asarray(along)
+        across = np.sqrt(np.maximum(STANDARD_GRAVITY**2 - along**2, 0.0))
+        turned = along * np.cos(self.misalignment) - across * np.sin(self.misalignment)
+        return np.asarray(turned)
+
+    def angle(self, indicated: ArrayLike, *, temperature: ArrayLike | None = None) -> _Floats:
+        """Solve for the pitch angle at rest [rad]; NaN beyond the range of gravity."""
+        return indicated_angle(self.specific_force(indicated, temperature=temperature))
+
+    def _at(self, temperature: ArrayLike | None) -> tuple[_Floats, _Floats]:
+        warmer = np.zeros(())
+        if temperature is not None:
+            warmer = np.asarray(temperature, np.float64) - self.temperature
+        return (
+            np.asarray(self.scale + self.scale_per_kelvin * warmer),
+            np.asarray(self.bias + self.bias_per_kelvin * warmer),
+        )
 
 
 def indicated_angle(specific_force: ArrayLike) -> _Floats:

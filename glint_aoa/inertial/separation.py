@@ -64,6 +64,8 @@ class Share:
         Fraction of the power around its resonance that is somebody else's; zero elsewhere.
     foreign_std : float
         Relative standard deviation of the energy in `foreign`.
+    purity : float
+        Fraction of the energy around its resonance that is the mode's.
     """
 
     mode: Mode
@@ -73,6 +75,7 @@ class Share:
     power: _Floats
     foreign: _Floats
     foreign_std: float
+    purity: float
 
     def gain(self, frequency_hz: _Floats) -> _Floats:
         """Amplitude response [frequency] that passes the mode's share of the power."""
@@ -117,6 +120,7 @@ def separate(spectrum: PlaneSpectrum, modes: tuple[Mode, ...]) -> list[Share]:
             power=split.power(index),
             foreign=split.foreign(index),
             foreign_std=split.foreign_std(index),
+            purity=split.purity(index),
         )
         for index, mode in enumerate(modes)
     ]
@@ -191,6 +195,14 @@ class _Split:
             left = np.maximum((total - self.skirts[other])[core], np.finfo(float).tiny)
             share[core] = own if other == index else (1 - own) * self.skirts[index][core] / left
         return np.asarray(share)
+
+    def purity(self, index: int) -> float:
+        """Fraction of the energy around a resonance that is its mode's."""
+        core, spectrum = self.cores[index], self.spectrum
+        if not core.any():
+            return 0.0
+        own = spectrum.energy(self.power(index) * spectrum.power, core)
+        return own / spectrum.energy(spectrum.power, core)
 
     def foreign(self, index: int) -> _Floats:
         """Fraction of the power around a resonance that is not its mode's."""

@@ -112,6 +112,7 @@ def _check_window(recording: Recording, stack: FieldStack, setup: Setup) -> None
             f"glint.search_window {list(window)} ends outside the {stack.n_lines} recorded rows "
             f"of {stack.name}; its last row is excluded and may be {stack.n_lines} at most"
         )
+    _check_reference(stack, setup)
     if setup.camera.sensor is None:
         return
     columns, lines = setup.camera.sensor
@@ -124,4 +125,16 @@ def _check_window(recording: Recording, stack: FieldStack, setup: Setup) -> None
             f"{stack.name}: a window of {stack.n_columns} x {stack.n_lines} at column "
             f"{recording.first_column}, line {recording.first_line} does not fit the sensor of "
             f"{columns} x {lines}; correct camera.sensor, fields.first_line or first_column"
+        )
+
+
+def _check_reference(stack: FieldStack, setup: Setup) -> None:
+    reference = setup.glint.reference
+    if reference is None:
+        return
+    if reference.rows[1] > stack.n_lines or reference.columns[1] > stack.n_columns:
+        raise SetupError(
+            f"glint.reference rows {list(reference.rows)}, columns {list(reference.columns)} lie "
+            f"outside the {stack.n_columns} x {stack.n_lines} recorded window of {stack.name}; "
+            "the last of each is excluded"
         )

@@ -25,6 +25,9 @@ __all__ = ["append_log", "read_csv", "write_csv", "write_netcdf"]
 _NOTHING: Mapping[str, str] = {}
 
 
+_ROWS_AT_A_TIME = 10_000
+
+
 def write_csv(
     path: str | Path,
     columns: Mapping[str, NDArray[Any] | Sequence[Any]],
@@ -52,17 +55,22 @@ def write_csv(
         If the file cannot be written, or exists and `overwrite` is False.
     """
     path = Path(path)
-    cells = [
-        [_cell(value, formats.get(name, "")) for value in _plain(values)]
-        for name, values in columns.items()
-    ]
+    rows = max((len(values) for values in columns.values()), default=0)
     with (
         replacing(path, overwrite=overwrite) as temporary,
         temporary.open("w", newline="", encoding="utf-8") as file,
     ):
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
-        writer.writerows(zip(*cells, strict=True))
+        for start in range(0, rows, _ROWS_AT_A_TIME):
+            cells = [
+                [
+                    _cell(value, formats.get(name, ""))
+                    for value in _plain(values[start : start + _ROWS_AT_A_TIME])
+                ]
+                for name, values in columns.items()
+            ]
+            writer.writerows(zip(*cells, strict=True))
 
 
 def read_csv(path: str | Path) -> dict[str, list[str]]:

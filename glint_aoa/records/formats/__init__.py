@@ -2,20 +2,28 @@
 
 `open_fields` picks the reader by the file's suffix. A reader only opens: it checks what the file
 claims against what the file is, and hands back a stack that reads block by block.
+`open_acquisition` looks at the first bytes of a file before it believes the suffix.
 """
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
 from glint_aoa.errors import RecordingError
 from glint_aoa.records._files import size_of
+from glint_aoa.records.acquisition import AcquisitionRecord
 from glint_aoa.records.fields import FieldStack
-from glint_aoa.records.formats.hdf5 import open_hdf5
+from glint_aoa.records.formats.csv_text import read_csv
+from glint_aoa.records.formats.hdf5 import open_hdf5, read_acquisition
+from glint_aoa.records.formats.matlab import read_matlab
 from glint_aoa.records.formats.numpy_files import open_npy, open_npz
 from glint_aoa.records.formats.photron import open_photron
+from glint_aoa.records.formats.tdms import read_tdms
 from glint_aoa.records.formats.tiff import open_tiff
+from glint_aoa.records.formats.uff import read_uff
+from glint_aoa.setup import Inertial
 
-__all__ = ["SUFFIXES", "open_fields"]
+__all__ = ["ACQUISITION_SUFFIXES", "SUFFIXES", "open_acquisition", "open_fields"]
 
 _READERS: dict[str, Callable[[Path], FieldStack]] = {
     ".h5": open_hdf5,
@@ -63,3 +71,76 @@ def open_fields(path: str | Path) -> FieldStack:
             "convert the recording or correct its name"
         )
     return reader(path)
+
+
+_AcquisitionReader = Callable[[Path, Inertial | None], AcquisitionRecord]
+
+_ACQUISITION_READERS: dict[str, _AcquisitionReader] = {
+    ".h5": read_acquisition,
+    ".hdf5": read_acquisition,
+    ".tdms": read_tdms,
+    ".uff": read_uff,
+    ".unv": read_uff,
+    ".mat": read_matlab,
+    ".csv": read_csv,
+    ".tsv": read_csv,
+    ".txt": read_csv,
+    ".dat": read_csv,
+}
+
+ACQUISITION_SUFFIXES = tuple(_ACQUISITION_READERS)
+"""Suffixes of the files that `open_acquisition` reads."""
+
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+_USER_BLOCK = 512  # of MATLAB's, before what is HDF5
+_FIRST_DATA_SET = re.compile(rb"\A\s*-1[ ]*\r?\n[ ]*\d{1,5}b?\b")
+
+
+def open_acquisition(path: str | Path, inertial: Inertial | None = None) -> AcquisitionRecord:
+    """Open an acquisition record; its first bytes say the format, where they do not its suffix.
+
+    Parameters
+    ----------
+    path : str or Path
+        HDF5 point (``.h5``), TDMS, universal file (``.uff``, ``.unv``), MATLAB file (``.mat``) or
+        text (``.csv``, ``.tsv``, ``.txt``, ``.dat``).
+    inertial : Inertial, optional
+        Section of the setup; its channels complete what the file does not say.
+
+    Returns
+    -------
+    AcquisitionRecord
+        As recorded: channels may differ in rate and start, and samples may be missing (NaN);
+        `glint_aoa.records.conditioning.prepared` sees to both. Samples that take more than
+        64 MiB together are read from the file as they are asked for (but not of UFF and of
+        MATLAB before 7.3).
+
+    Raises
+    ------
+    RecordingError
+        If the file is missing, of another format, damaged or empty, or record and setup
+        contradict each other.
+    """
+    path = Path(path)
+    size_of(path)
+    reader = _reader_by_content(path) or _ACQUISITION_READERS.get(path.suffix.lower())
+    if reader is None:
+        found = f"suffix {path.suffix}" if path.suffix else "no suffix"
+        raise RecordingError(
+            f"{path}: {found}, expected one of {', '.join(ACQUISITION_SUFFIXES)}; "
+            "convert the record or correct its name"
+        )
+    return reader(path, inertial)
+
+
+def _reader_by_content(path: Path) -> _AcquisitionReader | None:
+    """Return the reader of a format that says its name in its first bytes; None for the others."""
+    with path.open("rb") as file:
+        head = file.read(_USER_BLOCK + len(_HDF5))
+    if head.startswith(b"MATLAB"):
+        return read_matlab
+    if head.startswith(_HDF5):
+        return read_matlab if path.suffix.lower() == ".mat" else read_acquisition
+    if head.startswith(b"TDSm"):
+        return read_tdms
+    return read_uff if _FIRST_DATA_SET.match(head) else None

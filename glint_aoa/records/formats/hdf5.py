@@ -6,7 +6,7 @@ Nothing outside the file is ever opened: links, external storage and virtual dat
 import contextlib
 import dataclasses
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, get_args
 
@@ -16,19 +16,27 @@ from numpy.typing import NDArray
 
 from glint_aoa.errors import RecordingError
 from glint_aoa.records._files import size_of
-from glint_aoa.records.acquisition import AcquisitionRecord, Channel
-from glint_aoa.records.fields import MAX_FIELD_BYTES, FieldInfo, FieldStack
-from glint_aoa.setup import Axis, Inertial, InertialChannel
+from glint_aoa.records.acquisition import AcquisitionRecord, Channel, LazySamples
+from glint_aoa.records.fields import FieldInfo, FieldStack
+from glint_aoa.records.formats._channel_map import (
+    CHANNEL_KEYS,
+    EAGER_BYTES,
+    Recorded,
+    channel_map,
+    check_present,
+    mapped_channel,
+    stated_rate_and_start,
+)
+from glint_aoa.records.formats._hdf5_storage import check_inside, check_storage
+from glint_aoa.setup import Axis, Inertial
 from glint_aoa.units import convert
 
-__all__ = ["has_acquisition", "open_hdf5", "read_acquisition", "read_truth"]
+__all__ = ["has_acquisition", "has_fields", "open_hdf5", "read_acquisition", "read_truth"]
 
-MAX_RECORD_BYTES = 1 << 30
-"""What the channels of one record may take in memory together [bytes]."""
+MAX_TRUTH_BYTES = 1 << 30
+"""What the truth of one point may take in memory [bytes]."""
 
 _MOST_ATTRIBUTE_BYTES = 1 << 16
-_SINGLE_PRECISION = 1e-6  # relative; attributes are often stored as float32
-_CHANNEL_KEYS = ("quantity", "units", "scale", "station_m", "axis", "range")
 
 
 def open_hdf5(path: Path) -> FieldStack:
@@ -72,7 +80,7 @@ def open_hdf5(path: Path) -> FieldStack:
             _field_times(path, file),
             _meta(path, file),
         )
-        _check_storage(path, fields)
+        check_storage(path, fields)
     return stack
 
 
@@ -88,6 +96,18 @@ def has_acquisition(path: str | Path) -> bool:
         return _holds(file, "das")
 
 
+def has_fields(path: str | Path) -> bool:
+    """Return whether a recorded point holds fields.
+
+    Raises
+    ------
+    RecordingError
+        If the file is not HDF5 or is damaged.
+    """
+    with _opened(Path(path)) as file:
+        return _holds(file, "fields")
+
+
 def read_acquisition(path: str | Path, inertial: Inertial | None = None) -> AcquisitionRecord:
     """Read the acquisition channels of a recorded point.
 
@@ -101,7 +121,7 @@ def read_acquisition(path: str | Path, inertial: Inertial | None = None) -> Acqu
     Returns
     -------
     AcquisitionRecord
-        All channels of the file, in its order.
+        All channels of the file, in its order; the samples of a long record stay in the file.
 
     Raises
     ------
@@ -116,12 +136,12 @@ def read_acquisition(path: str | Path, inertial: Inertial | None = None) -> Acqu
                 f"{path}: no group /das; record the acquisition channels with the fields"
             )
         group = _group(path, file, "das")
-        said = {channel.name: channel for channel in (inertial.channel if inertial else ())}
-        _check_present(path, list(group), list(said))
-        budget = _Budget(path)
+        check_present(path, list(group), list(channel_map(inertial)))
+        datasets = [_numbers(path, _dataset(path, group, name)) for name in group]
+        is_long = sum(_n_bytes(dataset) for dataset in datasets) > EAGER_BYTES
         channels = {
-            name: _channel(path, budget.spend(_dataset(path, group, name)), said.get(name))
-            for name in group
+            name: _channel(path, _samples(path, dataset, is_long=is_long), dataset, inertial)
+            for name, dataset in zip(group, datasets, strict=True)
         }
         return AcquisitionRecord(path.stem, channels, _meta(path, file))
 
@@ -200,36 +220,35 @@ def _dataset(path: Path, parent: h5py.Group, name: str) -> h5py.Dataset:
     place = _place(parent, name)
     if not isinstance(dataset, h5py.Dataset) or dataset.shape is None:
         raise RecordingError(f"{path}: {place} is no array; store it as a dataset")
-    plist = dataset.id.get_create_plist()
-    if plist.get_layout() == h5py.h5d.VIRTUAL or plist.get_external_count():
-        raise RecordingError(
-            f"{path}: {place} keeps its data in other files, which are not followed; "
-            "store the data in the file itself"
-        )
+    check_inside(path, dataset)
     return dataset
 
 
-def _check_storage(path: Path, dataset: h5py.Dataset) -> None:
-    """Hold a dataset's shape against what the file stores for it, before anything is allocated."""
-    chunks = dataset.chunks
-    n_bytes = math.prod(dataset.shape) * dataset.dtype.itemsize
-    if chunks is None:
-        is_whole = dataset.id.get_storage_size() >= n_bytes
-    else:
-        n_chunks = math.prod(
-            math.ceil(n / chunk) for n, chunk in zip(dataset.shape, chunks, strict=True)
-        )
-        is_whole = dataset.id.get_num_chunks() >= n_chunks
-        if math.prod(chunks) * dataset.dtype.itemsize > 2 * MAX_FIELD_BYTES:
-            raise RecordingError(
-                f"{path}: {dataset.name} is stored in chunks of {list(chunks)}, too large to read "
-                "piece by piece; store it chunked by field"
-            )
-    if not is_whole:
+def _n_bytes(dataset: h5py.Dataset) -> int:
+    return int(math.prod(dataset.shape) * dataset.dtype.itemsize)
+
+
+def _numbers(path: Path, dataset: h5py.Dataset) -> h5py.Dataset:
+    """Return a dataset that holds numbers, all of them stored."""
+    if dataset.dtype.kind not in "iufb":
         raise RecordingError(
-            f"{path}: {dataset.name} promises {list(dataset.shape)} of {dataset.dtype}, but the "
-            "file stores less; it is cut short, record or copy it again"
+            f"{path}: {dataset.name} holds {dataset.dtype}, expected numbers; "
+            "store the samples as recorded"
         )
+    check_storage(path, dataset)
+    return dataset
+
+
+def _samples(path: Path, dataset: h5py.Dataset, *, is_long: bool) -> NDArray[Any] | LazySamples:
+    if not is_long or dataset.ndim != 1:
+        return np.asarray(dataset[()])
+    group, _, name = dataset.name.rpartition("/")
+
+    def read(start: int, stop: int) -> NDArray[Any]:
+        with _opened(path) as file:
+            return np.asarray(_dataset(path, file[group], name)[start:stop])
+
+    return LazySamples(dataset.size, dataset.dtype, read)
 
 
 @dataclasses.dataclass
@@ -241,17 +260,11 @@ class _Budget:
 
     def spend(self, dataset: h5py.Dataset) -> h5py.Dataset:
         """Return `dataset`, checked against the file and the memory that is left."""
-        if dataset.dtype.kind not in "iufb":
-            raise RecordingError(
-                f"{self.path}: {dataset.name} holds {dataset.dtype}, expected numbers; "
-                "store the samples as recorded"
-            )
-        _check_storage(self.path, dataset)
-        self.spent += math.prod(dataset.shape) * dataset.dtype.itemsize
-        if self.spent > MAX_RECORD_BYTES:
+        self.spent += _n_bytes(_numbers(self.path, dataset))
+        if self.spent > MAX_TRUTH_BYTES:
             raise RecordingError(
                 f"{self.path}: {dataset.name} and what stands before it take more than "
-                f"{MAX_RECORD_BYTES >> 30} GiB; split the record"
+                f"{MAX_TRUTH_BYTES >> 30} GiB; split the record"
             )
         return dataset
 
@@ -310,40 +323,25 @@ def _text(value: object) -> object:
     return plain.decode("utf-8", errors="replace") if isinstance(plain, bytes) else plain
 
 
-def _check_present(path: Path, present: list[str], wanted: list[str]) -> None:
-    missing = [name for name in wanted if name not in present]
-    if missing:
-        raise RecordingError(
-            f"{path}: channel {missing[0]} of the setup is not in the record; "
-            f"channels here: {', '.join(present) or 'none'}"
-        )
-
-
-def _channel(path: Path, dataset: h5py.Dataset, said: InertialChannel | None) -> Channel:
+def _channel(
+    path: Path,
+    samples: NDArray[Any] | LazySamples,
+    dataset: h5py.Dataset,
+    inertial: Inertial | None,
+) -> Channel:
     name = dataset.name.rpartition("/")[2]
     where = f"{path}: channel {name}"
-    keys = _merged(where, _channel_attributes(where, dataset), _said_by_setup(said))
-    rate_hz = _positive(where, "rate_hz", _attribute(dataset, "rate_hz"))
+    rate = _attribute(dataset, "rate_hz")
+    if rate is not None or inertial is None or inertial.rate is None:
+        rate = _positive(where, "rate_hz", rate)
     start_s = _number(where, "start_s", _attribute(dataset, "start_s"))
-    try:
-        return Channel(
-            name,
-            dataset[()],
-            rate_hz,
-            0.0 if start_s is None else start_s,
-            quantity=keys["quantity"],
-            units=keys["units"],
-            scale=1.0 if keys["scale"] is None else keys["scale"],
-            station_m=keys["station_m"],
-            axis=keys["axis"],
-            limits=keys["range"],
-        )
-    except RecordingError as error:
-        raise RecordingError(f"{path}: {error}") from None
+    clock = stated_rate_and_start(path, rate, start_s, inertial)
+    recorded = Recorded(name, samples, *clock, keys=_channel_attributes(where, dataset))
+    return mapped_channel(path, recorded, channel_map(inertial).get(name))
 
 
 def _channel_attributes(where: str, dataset: h5py.Dataset) -> dict[str, Any]:
-    value = {key: _stated(dataset, key) for key in _CHANNEL_KEYS}
+    value = {key: _stated(dataset, key) for key in CHANNEL_KEYS}
     return {
         # A record may hold what nobody here asks for; a name that is not known is just not used.
         "quantity": None if value["quantity"] is None else str(value["quantity"]),
@@ -353,46 +351,6 @@ def _channel_attributes(where: str, dataset: h5py.Dataset) -> dict[str, Any]:
         "axis": _choice(where, "axis", value["axis"], get_args(Axis)),
         "range": _range(where, _unless_nan(value["range"])),
     }
-
-
-def _said_by_setup(said: InertialChannel | None) -> dict[str, Any]:
-    if said is None:
-        return dict.fromkeys(_CHANNEL_KEYS)
-    return {
-        "quantity": said.quantity,
-        "units": said.units,
-        "scale": said.scale if "scale" in said.model_fields_set else None,
-        "station_m": said.station,
-        "axis": said.axis,
-        "range": said.limits,
-    }
-
-
-def _merged(where: str, recorded: Mapping[str, Any], said: Mapping[str, Any]) -> dict[str, Any]:
-    for key in _CHANNEL_KEYS:
-        both = recorded[key] is not None and said[key] is not None
-        if both and not _agree(key, recorded[key], said[key]):
-            raise RecordingError(
-                f"{where}: {key} is {recorded[key]} in the record but {said[key]} in the setup; "
-                "correct the setup or leave it out there"
-            )
-    return {key: said[key] if recorded[key] is None else recorded[key] for key in _CHANNEL_KEYS}
-
-
-def _agree(key: str, recorded: Any, said: Any) -> bool:
-    if key == "units":
-        return _same_unit(recorded, said)
-    if isinstance(recorded, str):
-        return bool(recorded == said)
-    return bool(np.allclose(recorded, said, rtol=_SINGLE_PRECISION, atol=0.0))
-
-
-def _same_unit(recorded: str, said: str) -> bool:
-    """Whether two spellings are one unit, such as ``m/s^2`` and ``m/s**2``."""
-    try:
-        return recorded == said or math.isclose(convert(recorded, said), 1.0, rel_tol=1e-12)
-    except ValueError:
-        return False
 
 
 def _wrong(where: str, key: str, value: object, expected: str) -> RecordingError:
