@@ -37,6 +37,7 @@ class Flag(IntFlag):
     PIXEL_LOCKING = 1 << 22
     UNCORRELATED = 1 << 23
     GAP = 1 << 24
+    UNEVEN = 1 << 25
 
 
 _MEANINGS = {
@@ -65,9 +66,17 @@ _MEANINGS = {
     Flag.PIXEL_LOCKING: "the centres are drawn to whole field lines",
     Flag.UNCORRELATED: "vibration below the modulation frequency that no channel explains",
     Flag.GAP: "acquisition samples are missing here and were bridged",
+    Flag.UNEVEN: "columns lie off the line for good and leave more doubt than the fields' noise",
 }
 
-REJECTING = Flag.NO_GLINT | Flag.FEW_COLUMNS | Flag.POOR_LINE
+REJECTING = (
+    Flag.NO_GLINT
+    | Flag.FEW_COLUMNS
+    | Flag.POOR_LINE
+    | Flag.REPEATED
+    | Flag.MOVED
+    | Flag.CAMERA_MOVED
+)
 """A field with any of these is left out of the mean of its point."""
 
 

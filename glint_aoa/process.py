@@ -10,13 +10,16 @@ from numpy.typing import NDArray
 
 from calibration.sweep import PitchSweep
 from glint_aoa._version import __version__
+from glint_aoa.aliasing import AliasedMotion, aliased_motion
+from glint_aoa.errors import RecordingError
 from glint_aoa.flags import REJECTING, Flag
 from glint_aoa.optical.average import MeanAngle, mean_angle
 from glint_aoa.optical.measure import FieldAngles, Measurement, measure_stack
 from glint_aoa.records.angles import angle_record, check_new_results, write_results
 from glint_aoa.records.fields import FieldStack
 from glint_aoa.records.formats import open_fields
-from glint_aoa.records.recording import resolve_recording
+from glint_aoa.records.formats.hdf5 import has_acquisition, read_acquisition
+from glint_aoa.records.recording import Recording, resolve_recording
 from glint_aoa.setup import Setup
 
 if TYPE_CHECKING:
@@ -105,10 +108,13 @@ def measure_point(
     angles, measurement = measure_stack(stack, setup, recording, progress=progress)
     values = _columns(angles, measurement, sweep)
     good = (values["flags"] & int(REJECTING)) == 0
+    mean = _mean(setup, recording, values, good)
+    aliased = _visible(_aliased(stack, setup, recording), mean, values, good)
+    attrs = _provenance(stack, setup, measurement, sweep) | _averaging(mean, aliased)
     return PointResult(
         name=stack.name,
-        record=angle_record(values, _provenance(stack, setup, measurement, sweep)),
-        log=_log_row(stack, setup, values, good),
+        record=angle_record(values, attrs),
+        log=_log_row(stack, setup, values, good, mean) | _point_flags(values, good, aliased),
         measurement=measurement,
         angles=angles,
     )
@@ -161,11 +167,13 @@ def _columns(
     angles: FieldAngles, measurement: Measurement, sweep: PitchSweep | None
 ) -> dict[str, NDArray[Any]]:
     raw, noise = np.degrees(angles.angle), np.degrees(angles.angle_std)
-    flags, calibrated, systematic = angles.flags, raw, np.zeros_like(raw)
+    flags, calibrated = angles.flags, raw
+    systematic = np.full_like(raw, np.degrees(measurement.slope_doubt))
     if sweep is not None:
         applied = sweep.apply(raw)
-        calibrated, systematic = applied.angle_deg, applied.systematic_std_deg
-        noise = noise * np.abs(sweep.derivative(raw))
+        gain = np.abs(sweep.derivative(raw))
+        calibrated, noise = applied.angle_deg, noise * gain
+        systematic = np.hypot(applied.systematic_std_deg, systematic * gain)
         flags = flags | np.where(applied.outside, int(Flag.OUTSIDE_CALIBRATION), 0)
     # Without a pixel pitch nothing has a length.
     mm = _MM if measurement.setup.camera.pixel_pitch is not None else np.nan
@@ -185,39 +193,114 @@ def _columns(
     }
 
 
-def _log_row(
-    stack: FieldStack, setup: Setup, values: dict[str, NDArray[Any]], good: NDArray[np.bool_]
+def _mean(
+    setup: Setup, recording: Recording, values: dict[str, NDArray[Any]], good: NDArray[np.bool_]
+) -> MeanAngle:
+    noise = _median(values["angle_std_deg"][good])
+    return mean_angle(
+        np.where(good, values["angle_deg"], np.nan),
+        method=setup.glint.mean,
+        rate_hz=recording.rate_hz,
+        vibration_hz=setup.glint.vibration,
+        candidates_hz=[mode.frequency for mode in setup.inertial.mode],
+        noise=noise if noise > 0 else None,
+    )
+
+
+def _aliased(stack: FieldStack, setup: Setup, recording: Recording) -> AliasedMotion | None:
+    """Motion too fast for the fields, where the recording has channels that show it."""
+    if stack.path is None or stack.path.suffix not in {".h5", ".hdf5"}:
+        return None
+    try:
+        if not has_acquisition(stack.path):
+            return None
+        record = read_acquisition(stack.path, setup.inertial)
+        return aliased_motion(
+            record,
+            rate_hz=recording.rate_hz,
+            exposure_s=recording.exposure_s,
+            start_s=recording.start_s,
+            n_fields=stack.n_fields,
+            radii_m={
+                mode.frequency: mode.radius for mode in setup.inertial.mode if mode.plane == "pitch"
+            },
+        )
+    except RecordingError:  # channels that cannot be used say nothing about the fields
+        return None
+
+
+def _visible(
+    aliased: AliasedMotion | None,
+    mean: MeanAngle,
+    values: dict[str, NDArray[Any]],
+    good: NDArray[np.bool_],
+) -> AliasedMotion | None:
+    """Keep the motion if the fields show it over their noise or it may move the mean."""
+    if aliased is None:
+        return None
+    over_noise = aliased.rms_deg > _median(values["angle_std_deg"][good])
+    return aliased if over_noise or aliased.on_mean_deg > mean.std else None
+
+
+def _point_flags(
+    values: dict[str, NDArray[Any]], good: NDArray[np.bool_], aliased: AliasedMotion | None
 ) -> dict[str, Any]:
-    mean = mean_angle(np.where(good, values["angle_deg"], np.nan), method=setup.glint.mean)
-    intercept = np.where(good, values["intercept_mm"], np.nan)
-    n_used = int(good.sum())
     flags = int(np.bitwise_or.reduce(values["flags"]))
-    if n_used < 0.5 * good.size:
+    if good.sum() < 0.5 * good.size:
         flags |= int(Flag.FEW_FIELDS)
+    if aliased is not None:
+        flags |= int(Flag.ALIASED)
+    return {"flags": flags}
+
+
+def _log_row(
+    stack: FieldStack,
+    setup: Setup,
+    values: dict[str, NDArray[Any]],
+    good: NDArray[np.bool_],
+    mean: MeanAngle,
+) -> dict[str, Any]:
+    intercept = np.where(good, values["intercept_mm"], np.nan)
     return {
         "run": stack.meta.get("run", ""),
         "point": stack.meta.get("point", stack.name),
         "trigger_time": stack.info.trigger_time or "",
         "n_fields": good.size,
-        "n_used": n_used,
+        "n_used": int(good.sum()),
         "mean_angle_deg": mean.mean,
         "std_angle_deg": _spread(values["angle_deg"][good]),
         "mean_angle_std_deg": mean.std,
         "mean_angle_u95_deg": mean.expanded(_systematic(values, good)),
         "mean_method": mean.method,
-        "mean_intercept_mm": _mean_like(mean, intercept),
+        "mean_intercept_mm": mean.of(intercept),
         "std_intercept_mm": _spread(intercept[good]),
-        "flags": flags,
         "setup_hash": setup.hash,
     }
+
+
+def _averaging(mean: MeanAngle, aliased: AliasedMotion | None) -> dict[str, Any]:
+    """How the mean was taken, as attributes; lists by frequency of the vibration."""
+    attrs: dict[str, Any] = {
+        "mean_angle_deg": mean.mean,
+        "mean_angle_std_deg": mean.std,
+        "mean_method": mean.method,
+        "vibration_frequency_hz": [line.frequency for line in mean.lines],
+        "vibration_amplitude_deg": [line.amplitude for line in mean.lines],
+        "vibration_bandwidth_hz": [line.bandwidth for line in mean.lines],
+    }
+    if aliased is not None:
+        attrs["aliased_rms_deg"] = aliased.rms_deg
+        attrs["aliased_frequency_hz"] = aliased.frequency_hz
+        attrs["aliased_seen_at_hz"] = aliased.seen_at_hz
+    return attrs
 
 
 def _systematic(values: dict[str, NDArray[Any]], good: NDArray[np.bool_]) -> float:
     return float(values["angle_systematic_std_deg"][good].mean()) if good.any() else np.nan
 
 
-def _mean_like(mean: MeanAngle, intercept: _Array) -> float:
-    return mean_angle(intercept, method=mean.method).mean
+def _median(values: _Array) -> float:
+    return float(np.median(values)) if values.size else np.nan
 
 
 def _spread(values: _Array) -> float:
@@ -227,7 +310,7 @@ def _spread(values: _Array) -> float:
 def _provenance(
     stack: FieldStack, setup: Setup, measurement: Measurement, sweep: PitchSweep | None
 ) -> dict[str, Any]:
-    shape = measurement.shape
+    noise = measurement.noise
     return {
         "title": f"glint-aoa angles of {stack.name}",
         "glint_aoa_version": __version__,
@@ -237,9 +320,15 @@ def _provenance(
         "trigger_time": stack.info.trigger_time or "",
         "setup": setup.model_dump_json(),
         "setup_hash": setup.hash,
-        "estimator": "centroid",
-        "half_width_lines": shape.half_width,
-        "background_noise_grey": shape.noise,
+        "estimator": measurement.estimator.name,
+        **measurement.estimator.settings,
+        "glint_half_width_lines": measurement.shape.half_width,
+        "noise_source": noise.source,
+        "noise_read_variance_grey2": noise.read_variance,
+        "noise_variance_per_grey": noise.variance_per_grey,
+        "line_sagitta_mm": measurement.sagitta * _MM,
+        "line_sagitta_std_mm": measurement.sagitta_std * _MM,
+        "column_departures_std_deg": np.degrees(measurement.slope_doubt),
         "rate_hz": measurement.recording.rate_hz,
         "exposure_s": measurement.recording.exposure_s,
         "calibration": "none" if sweep is None else str(setup.sweep_path),

@@ -1,4 +1,4 @@
-"""From pixels to the tunnel: image plane, distortion, pose and the known vertical plane."""
+"""From pixels to the tunnel: image plane, pose, the known vertical plane, and the reflection."""
 
 from glint_aoa.geometry.camera import (
     distort,
@@ -9,10 +9,17 @@ from glint_aoa.geometry.camera import (
     undistort,
 )
 from glint_aoa.geometry.collinearity import PixelToPlane, intersect_known_plane, project
+from glint_aoa.geometry.reflection import AxisLine, GlintPrediction, GlintReflection
+from glint_aoa.geometry.specular import Cylinder, glint_points
 
 __all__ = [
+    "AxisLine",
+    "Cylinder",
+    "GlintPrediction",
+    "GlintReflection",
     "PixelToPlane",
     "distort",
+    "glint_points",
     "image_plane",
     "intersect_known_plane",
     "pixel_coordinates",

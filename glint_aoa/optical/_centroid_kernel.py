@@ -1,174 +1,169 @@
-"""Compiled kernel of the column centroids. Plain arrays in and out, no state.
-
-Each pixel of a column is read once, into a running sum of grey levels; boxes, flanks and single
-pixels after that are differences of two of its entries.
-"""
+"""Compiled kernel of the column centroids. Plain arrays in and out, no state."""
 
 # mypy: disable-error-code="no-untyped-def"
 
 import numba
 import numpy as np
 
+from glint_aoa.optical._strip_kernel import cut_strip, strip_base
+
 USED, DIM, CUT = 0, 1, 2  # what `status` says of a column: measured, too dim, out of the window
 
 _ITERATIONS = 12
-_SETTLED = 1e-3  # lines; Newton leaves its square, and a fiftieth of it for the background
-_AGREE = 2.0  # lines between a column's peak and the coarse line, besides half the box
-_ENOUGH = 0.8  # of the bright columns on the first coarse line end the search
-_MAX_COARSE = 48  # columns that vote for the coarse line
+_FEW = 16  # a share of columns below 1 / 16 settles column by column
+_SETTLED = 0.03  # lines; Newton's step leaves less than a tenth of its own square
 
-
-# The next two run along lines, in small whole numbers and without branches, for the compiler to do
-# several columns at a time.
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _run_sums(field, columns, sign, line, grey):
-    """Fill the running sums of grey levels down the columns [row, column]."""
-    for i in range(columns.size):
-        grey[0, i] = 0
-    for row in range(field.shape[0]):
-        whole = field[row]
-        for i in range(columns.size):
-            line[i] = whole[columns[i]]
-        for i in range(line.size):
-            grey[row + 1, i] = grey[row, i] + sign * line[i]
+# The loops run along lines in single precision and without branches, for the compiler to do several
+# columns at a time. Grey levels, and places a few lines about a strip's middle, lose nothing there.
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _peaks(grey, first, last, half_box, box, peak):
-    """Fill the sum and the row of the brightest box of lines in each column."""
-    box[:] = grey[first + 2 * half_box + 1] - grey[first]
-    peak[:] = first + half_box
-    for row in range(first + half_box + 1, last - half_box):
-        for i in range(box.size):
-            here, best, best_row = (
-                grey[row + half_box + 1, i] - grey[row - half_box, i],
-                box[i],
-                peak[i],
-            )
-            box[i] = max(here, best)
-            peak[i] = np.int32(row) if here > best else best_row
+def _background(strip, n, centre, half, flank, low, high, low_weight, high_weight):
+    """Fill the mean grey levels of the flanks above and below the window, and their weights."""
+    edge, end = np.float32(half - 0.5), np.float32(half + flank + 0.5)
+    one, zero = np.float32(1.0), np.float32(0.0)
+    for i in range(n):
+        low[i] = low_weight[i] = high[i] = high_weight[i] = zero
+    least, most = np.inf, -np.inf
+    for i in range(n):
+        least, most = min(least, centre[i]), max(most, centre[i])
+    for r in range(strip.shape[0]):
+        if most - edge <= r <= least + edge:
+            continue  # inside every window
+        if r < most:
+            total, weight = low, low_weight
+        else:
+            total, weight = high, high_weight
+        for i in range(n):
+            value = strip[r, i]
+            distance = abs(np.float32(r) - centre[i])
+            share = min(max(min(distance - edge, end - distance), zero), one)
+            there = value == value  # noqa: PLR0124  NaN is not
+            weight[i] += share if there else zero
+            total[i] += share * value if there else zero
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _votes(columns, peak, voters, slope, intercept, tolerance):
-    count = 0
-    for j in range(voters.size):
-        i = voters[j]
-        count += abs(peak[i] - intercept - slope * columns[i]) <= tolerance
-    return count
+def _level_and_tilt(low, high, low_weight, high_weight, half, flank, n):
+    """Turn the flanks' sums into level and tilt of the background, in `low` and `high`."""
+    span = np.float32(2 * half + flank)
+    for i in range(n):
+        above = low[i] / low_weight[i] if low_weight[i] > 0.5 else np.float32(np.nan)
+        below = high[i] / high_weight[i] if high_weight[i] > 0.5 else above
+        above = above if above == above else below  # noqa: PLR0124  NaN is not
+        low[i] = np.float32(0.5) * (above + below)
+        high[i] = (below - above) / span
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _coarse_line(columns, peak, contrast, threshold, tolerance):
-    """Line through most of the bright columns' peaks; the count of votes is 0 if there is none."""
-    bright = np.flatnonzero(contrast >= threshold)
-    if bright.size < 3:
-        return 0.0, 0.0, 0
-    voters = bright[:: (bright.size + _MAX_COARSE - 1) // _MAX_COARSE]
-    n = voters.size
-    best_slope, best_intercept, best_count = 0.0, 0.0, 0
-    # Pairs from far apart to close: the first ones fix a clean line at once.
-    for gap in range(n // 2, 0, -1):
-        for a in range(n - gap):
-            i, j = voters[a], voters[a + gap]
-            slope = (peak[j] - peak[i]) / (columns[j] - columns[i])
-            intercept = peak[i] - slope * columns[i]
-            count = _votes(columns, peak, voters, slope, intercept, tolerance)
-            if count > best_count:
-                best_slope, best_intercept, best_count = slope, intercept, count
-            if best_count >= _ENOUGH * n:
-                return best_slope, best_intercept, best_count
-    return best_slope, best_intercept, best_count
+def _moments(strip, n, centre, half, level, tilt, volume, moment, slope):
+    """Fill weighted sum, first moment, and minus that moment's slope in `centre`.
 
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _up_to(grey, i, line):
-    """Integral of the grey level from the window's top to `line`."""
-    row = min(max(int(np.floor(line + 0.5)), 0), grey.shape[0] - 2)
-    return grey[row, i] + (line - row + 0.5) * (grey[row + 1, i] - grey[row, i])
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _flank(grey, i, low, high):
-    """Mean grey level between two lines, as far as the window goes; NaN outside it."""
-    low, high = max(low, -0.5), min(high, grey.shape[0] - 1.5)
-    if high - low < 0.5:
-        return np.nan
-    return (_up_to(grey, i, high) - _up_to(grey, i, low)) / (high - low)
-
-
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _moments(grey, i, centre, half_width, level, tilt, cos_step, sin_step):
-    """Weighted sum over the window, its first moment, and minus that moment's slope in `centre`.
-
-    The weight is cos^2(pi t / (2 half_width)), t lines from the centre.
+    The weight is (1 - (t / half)^2)^2, t lines from the centre.
     """
-    first, last = int(np.ceil(centre - half_width)), int(np.floor(centre + half_width))
-    rate = np.pi / half_width
-    cos, sin = np.cos(rate * (first - centre)), np.sin(rate * (first - centre))
-    volume, moment, slope = 0.0, 0.0, 0.0
-    for row in range(first, last + 1):
-        t = row - centre
-        net = grey[row + 1, i] - grey[row, i] - level - tilt * t
-        weight = 0.5 + 0.5 * cos
-        volume += weight * net
-        moment += weight * net * t
-        slope += (weight - 0.5 * rate * t * sin) * net
-        cos, sin = cos * cos_step - sin * sin_step, sin * cos_step + cos * sin_step
-    return volume, moment, slope
+    inverse = np.float32(1 / half**2)
+    zero, one, four = np.float32(0.0), np.float32(1.0), np.float32(4.0)
+    for i in range(n):
+        volume[i] = moment[i] = slope[i] = zero
+    least, most = np.inf, -np.inf
+    for i in range(n):
+        least, most = min(least, centre[i]), max(most, centre[i])
+    first = max(int(np.ceil(least - half)), 0)
+    last = min(int(np.floor(most + half)), strip.shape[0] - 1)
+    for r in range(first, last + 1):
+        for i in range(n):
+            t = np.float32(r) - centre[i]
+            x = t * t * inverse
+            rest = max(one - x, zero)
+            net = strip[r, i] - level[i] - tilt[i] * t
+            weighted = rest * rest * net
+            # A missing row in the window leaves NaN, but its edge, with no weight, must not.
+            weighted = weighted if rest > zero else zero
+            part = rest * (rest - four * x) * net
+            volume[i] += weighted
+            moment[i] += weighted * t
+            slope[i] += part if rest > zero else zero
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _centroid(grey, i, start, half_width, flank, cos_step, sin_step):
-    """Background-subtracted centroid in a soft window that settles on its own centre.
-
-    Returns the centre, the weighted sum over the window and the status.
-    """
-    centre = start
-    volume = 0.0
-    for _ in range(_ITERATIONS):
-        low, high = centre - half_width, centre + half_width
-        if low < -0.5 or high > grey.shape[0] - 1.5:
-            return centre, volume, CUT
-        above = _flank(grey, i, low - flank, low)
-        below = _flank(grey, i, high, high + flank)
-        if np.isnan(above):
-            above = below
-        if np.isnan(below):
-            below = above
-        tilt = (below - above) / (2 * half_width + flank)
-        volume, moment, slope = _moments(
-            grey, i, centre, half_width, (below + above) / 2, tilt, cos_step, sin_step
-        )
-        if not volume > 0:
-            return centre, volume, DIM
+def _newton(
+    strip, n, half, flank, centre, step, volume, low, high, low_weight, high_weight, moment, slope
+):
+    """Move every centre by one step of Newton's method."""
+    _background(strip, n, centre, half, flank, low, high, low_weight, high_weight)
+    _level_and_tilt(low, high, low_weight, high_weight, half, flank, n)
+    _moments(strip, n, centre, half, low, high, volume, moment, slope)
+    tenth, most = np.float32(0.1), np.float32(0.5 * half)
+    for i in range(n):
         # Newton's step where the moment falls with the centre as it does near its zero.
-        step = moment / slope if slope > 0.1 * volume else moment / volume
-        step = min(max(step, -0.5 * half_width), 0.5 * half_width)
-        centre += step
-        if abs(step) < _SETTLED:
-            break
-    return centre, volume, USED
+        divisor = slope[i] if slope[i] > tenth * volume[i] else volume[i]
+        step[i] = min(max(moment[i] / divisor, -most), most) if volume[i] > 0 else np.nan
+        centre[i] += step[i]
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _clips(grey, i, centre, half_width, saturation):
-    low, high = int(np.ceil(centre - half_width)), int(np.floor(centre + half_width))
-    for row in range(max(low, 0), min(high + 1, grey.shape[0] - 1)):
-        if grey[row + 1, i] - grey[row, i] >= saturation:
-            return True
-    return False
+def _finish(strip, i, half, flank, centre, step, one):
+    """Settle a column that needs more steps, on its own in `one` [11, 1] and a strip of it.
+
+    Returns the centre and the volume.
+    """
+    rows = strip.shape[0]
+    alone = np.empty((rows, 1), np.float32)
+    for r in range(rows):
+        alone[r, 0] = strip[r, i]
+    one[0, 0] = centre
+    one[1, 0] = step
+    for _ in range(_ITERATIONS):
+        if not abs(one[1, 0]) > _SETTLED or not 0 <= one[0, 0] <= rows - 1:
+            break
+        _newton(
+            alone,
+            1,
+            half,
+            flank,
+            one[0],
+            one[1],
+            one[2],
+            one[3],
+            one[4],
+            one[5],
+            one[6],
+            one[7],
+            one[8],
+        )
+    return one[0, 0], one[2, 0]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _tops(strip, n, centre, half, top):
+    """Fill the largest grey level in each column's window."""
+    half = np.float32(half)
+    for i in range(n):
+        top[i] = 0.0
+    for r in range(strip.shape[0]):
+        for i in range(n):
+            value, was = abs(strip[r, i]), top[i]
+            inside = abs(np.float32(r) - centre[i]) < half
+            top[i] = value if inside and value > was else was
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _unsettled(step):
+    count = 0
+    for i in range(step.size):
+        count += abs(step[i]) > _SETTLED
+    return count
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def column_centres(
     fields,
     columns,
-    first,
-    last,
-    half_box,
-    half_width,
+    start,
+    half,
     flank,
+    reach,
+    width,
     sign,
     threshold,
     saturation,
@@ -180,40 +175,63 @@ def column_centres(
     """Fill `centre`, `height`, `status` and `clipped` [field, column].
 
     `centre` is in rows of the recorded window, NaN where `status` is not USED. `height` is the
-    mean grey level of the window over its background.
+    light in the window over its background, divided by the glint's width. `reach` is how far a
+    centre may lie from its start [lines].
     """
     n = columns.size
-    grey = np.empty((fields.shape[1] + 1, n), np.int32)
-    line, box, peak = np.empty(n, np.int32), np.empty(n, np.int32), np.empty(n, np.int32)
-    contrast = np.empty(n)
-    width, rest = 2 * half_box + 1, max(last - first - 2 * half_box - 1, 1)
-    tolerance = half_box + _AGREE
-    cos_step, sin_step = np.cos(np.pi / half_width), np.sin(np.pi / half_width)
+    side = int(np.ceil(half + flank + reach + 1))
+    strip = np.empty((2 * side + 1, n), np.float32)
+    base = np.empty(n, np.int64)
+    c, step, volume = np.empty(n, np.float32), np.empty(n, np.float32), np.empty(n, np.float32)
+    low, high = np.empty(n, np.float32), np.empty(n, np.float32)
+    low_weight, high_weight = np.empty(n, np.float32), np.empty(n, np.float32)
+    moment, slope = np.empty(n, np.float32), np.empty(n, np.float32)
+    one = np.empty((9, 1), np.float32)
+    rows = fields.shape[1]
     for k in range(fields.shape[0]):
-        _run_sums(fields[k], columns, np.int32(sign), line, grey)
-        _peaks(grey, first, last, half_box, box, peak)
+        strip_base(start[k], side, base)
+        cut_strip(fields[k], columns, base, np.float32(sign), strip)
         for i in range(n):
-            contrast[i] = box[i] / width - (grey[last, i] - grey[first, i] - box[i]) / rest
-        slope, intercept, votes = _coarse_line(columns, peak, contrast, threshold, tolerance)
+            c[i] = np.float32(start[k, i] - base[i])
+        for _ in range(_ITERATIONS):
+            _newton(
+                strip,
+                n,
+                half,
+                flank,
+                c,
+                step,
+                volume,
+                low,
+                high,
+                low_weight,
+                high_weight,
+                moment,
+                slope,
+            )
+            if _unsettled(step) * _FEW < n:
+                break
+        _tops(strip, n, c, half, low)
         for i in range(n):
-            centre[k, i] = np.nan
-            height[k, i] = contrast[i]
-            clipped[k, i] = False
-            status[k, i] = DIM
-            if votes < 3:
-                continue
-            on_line = intercept + slope * columns[i]
-            if on_line < first - 0.5 or on_line > last - 0.5:
-                status[k, i] = CUT
-                continue
-            near = abs(peak[i] - on_line) <= tolerance
-            start = peak[i] if near else on_line
-            found, volume, state = _centroid(grey, i, start, half_width, flank, cos_step, sin_step)
-            height[k, i] = volume / half_width
-            off = abs(found - on_line) > tolerance + half_width
-            if state == USED and (height[k, i] < threshold / 2 or off):
-                state = DIM
-            status[k, i] = state
-            if state == USED:
-                centre[k, i] = found
-                clipped[k, i] = _clips(grey, i, found, half_width, saturation)
+            found, size = np.float64(c[i]), np.float64(volume[i])
+            if abs(step[i]) > _SETTLED:
+                found, size = _finish(strip, i, half, flank, c[i], step[i], one)
+            row = base[i] + found
+            height[k, i] = size / width
+            status[k, i] = _status(row, start[k, i], half, rows, reach)
+            if status[k, i] == USED and not height[k, i] >= 0.5 * threshold:
+                status[k, i] = DIM
+            used = status[k, i] == USED
+            centre[k, i] = row if used else np.nan
+            clipped[k, i] = used and low[i] >= saturation
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _status(row, begun, half, rows, reach):
+    """Judge a column by where its centre is and where it was expected."""
+    if np.isnan(begun):
+        return DIM
+    middle = begun if np.isnan(row) else row
+    if middle - half < -0.5 or middle + half > rows - 0.5:
+        return CUT
+    return USED if abs(row - begun) <= reach + half else DIM

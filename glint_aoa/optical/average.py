@@ -1,84 +1,227 @@
 """The mean angle of a point, which need not be the mean of its fields."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import signal
+from scipy import signal, stats
 
-__all__ = ["MeanAngle", "mean_angle"]
+from glint_aoa.optical.segments import segment_weights, segmented_covariance, variance_of
+from glint_aoa.optical.vibration import Vibration, VibrationLine, fit_vibration
+
+__all__ = ["MeanAngle", "MeanMethod", "mean_angle"]
 
 _Array = NDArray[np.float64]
 
-_PADDING = 8  # times the record, so that a vibration between two bins is seen
-_MAIN_LOBE = 2.0  # half the main lobe of a Hann window, in bins of the record
-_LEAST_FIELDS = 8  # for a spectrum
+MeanMethod = Literal["plain", "lines", "tapered", "process"]
+
+_LEAST_FIELDS = 8  # to see a vibration in
+_MOST_FIELDS = 240  # for a likelihood; longer records are taken in segments
 _COVERAGE = 1.96  # of a normal distribution's 95 %
+_AS_GOOD = 1.02  # a simpler method may have this much more standard deviation
+_KAISER = (4.0, 6.0, 8.0, 10.0)  # shape: side lobes from -45 to -100 dB
+_AMPLITUDE_DEGREES = (0, 1, 2, 3, 4)
+"""Degrees of the polynomials that the amplitude of a fitted line may follow."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class MeanAngle:
-    """Mean of a point's angles [as given], its standard deviation, 1 sigma, and the method."""
+    """Mean of a point's angles.
+
+    Attributes
+    ----------
+    mean, std : float
+        The mean and its standard deviation, 1 sigma [as given].
+    method : {"plain", "lines", "tapered", "process"}
+        How it was taken; see `mean_angle`.
+    weights : ndarray [field]
+        What each field counts; the sum is 1, and 0 for a field that was not measured.
+    lines : tuple of VibrationLine
+        Vibrations found, by frequency [Hz], as the fields show them: below half the field rate.
+    dof : float
+        Degrees of freedom of `std`; infinite unless broad-band motion covers most of the noise.
+    """
 
     mean: float
     std: float
-    method: Literal["plain", "tapered"]
+    method: MeanMethod
+    weights: _Array
+    lines: tuple[VibrationLine, ...] = ()
+    dof: float = np.inf
 
     def expanded(self, systematic_std: float = 0.0) -> float:
         """Half the 95 % interval [as given], a systematic part included."""
-        return _COVERAGE * float(np.hypot(self.std, systematic_std))
+        own = self.std if np.isinf(self.dof) else self.std * _student(self.dof) / _COVERAGE
+        return _COVERAGE * float(np.hypot(own, systematic_std))
+
+    def of(self, values: ArrayLike) -> float:
+        """Mean of other values [field] of the same fields, with the same weights."""
+        used = self.weights != 0
+        values = np.asarray(values, np.float64)
+        return float(self.weights[used] @ values[used]) if used.any() else np.nan
 
 
 def mean_angle(
-    angle: ArrayLike, *, method: Literal["auto", "plain", "tapered"] = "auto"
+    angle: ArrayLike,
+    *,
+    method: Literal["auto"] | MeanMethod = "auto",
+    rate_hz: float = 1.0,
+    vibration_hz: Sequence[float] = (),
+    candidates_hz: Sequence[float] = (),
+    noise: float | None = None,
 ) -> MeanAngle:
     """Average the angles of consecutive fields.
 
     The plain mean of a vibrating angle keeps what does not close in the record: amplitude *
-    sin(pi f T) / (pi f T) of a vibration of frequency f over T seconds. A Hann taper keeps next
-    to none of it, at the price of 1.22 times the noise. ``"auto"`` takes the one whose predicted
-    variance is smaller.
+    sin(pi f T) / (pi f T) of a vibration of frequency f over T seconds. Each method is a set of
+    weights of the fields, so that what it does to noise and to a vibration can be predicted:
+
+    ``"plain"``
+        equal weights;
+    ``"lines"``
+        least squares of mean, trend and vibration lines together, the amplitude of each line a
+        polynomial in time;
+    ``"tapered"``
+        a Kaiser window;
+    ``"process"``
+        generalised least squares with the covariance of the vibration (Aitken 1936,
+        doi:10.1017/S0370164600014346), which nothing linear and unbiased can better if the
+        covariance is right.
+
+    ``"auto"`` takes the first of these whose predicted standard deviation is within 2 % of the
+    least.
 
     Parameters
     ----------
     angle : array_like, shape (field,)
         Angles at equal intervals; NaN for a field that was not measured.
-    method : {"auto", "plain", "tapered"}, optional
+    method : {"auto", "plain", "lines", "tapered", "process"}, optional
         How to weight the fields.
+    rate_hz : float, optional
+        Fields a second [Hz]; unless given, frequencies are in cycles a field.
+    vibration_hz : sequence of float, optional
+        Known frequencies of vibration [Hz]; more are still found from the record.
+    candidates_hz : sequence of float, optional
+        Frequencies near which a vibration may be expected [Hz].
+    noise : float, optional
+        Noise of one field [as given], if known. It steadies the standard deviation where
+        broad-band motion covers the noise.
 
     Returns
     -------
     MeanAngle
-        Mean, its 1-sigma standard deviation and the method; NaN where no field was measured.
+        Mean, its 1-sigma standard deviation, method, weights and vibrations; NaN where no field
+        was measured.
 
     Notes
     -----
-    The variance is the integral of the record's own spectrum (Hann-tapered periodogram, its
-    lowest bins replaced by its noise level) times the squared response of the weights. A motion
-    slower than two cycles a record cannot be told from the mean and is not in it.
+    The covariance is learnt from the record itself: up to 240 fields by `fit_vibration`, beyond
+    from the spectra of segments; then ``"lines"`` is not offered and ``"process"`` stands in for
+    it. A motion slower than 1.5 cycles a record (of up to 240 fields) is a drift, and the mean is
+    that of the drifting angle. What aliases to so low a frequency, motion near a multiple of the
+    field rate, falls on the mean and cannot be told from it.
     """
     angle = np.asarray(angle, np.float64)
     there = np.isfinite(angle)
-    if there.sum() < _LEAST_FIELDS:
-        return _short_mean(angle[there])
-    filled = np.interp(np.arange(angle.size), np.flatnonzero(there), angle[there])
-    candidates = {
-        "plain": there / there.sum(),
-        "tapered": _normalised(signal.windows.hann(angle.size + 2)[1:-1] * there),
+    n_there = int(there.sum())
+    if n_there < _LEAST_FIELDS or np.ptp(angle[there]) <= 1e-13 * np.abs(angle[there]).max():
+        return _simple_mean(angle, there)
+    if angle.size > _MOST_FIELDS:
+        return _mean_of_long(angle, there, method, noise)
+    vibration = fit_vibration(
+        angle,
+        given=[each / rate_hz for each in vibration_hz],
+        candidates=[each / rate_hz for each in candidates_hz],
+        noise=noise,
+    )
+    found = _mean_of_short(angle, there, vibration, method)
+    lines = tuple(_in_hz(line, rate_hz) for line in vibration.lines)
+    return replace(found, lines=lines, dof=vibration.noise_dof)
+
+
+def _student(dof: float) -> float:
+    return float(stats.t.ppf(0.975, dof))
+
+
+def _simple_mean(angle: _Array, there: NDArray[np.bool_]) -> MeanAngle:
+    count = int(there.sum())
+    if count == 0:
+        return MeanAngle(np.nan, np.nan, "plain", np.zeros(angle.size))
+    std = angle[there].std(ddof=1) / np.sqrt(count) if count > 1 else np.nan
+    return MeanAngle(float(angle[there].mean()), float(std), "plain", there / count)
+
+
+def _mean_of_short(
+    angle: _Array, there: NDArray[np.bool_], vibration: Vibration, method: str
+) -> MeanAngle:
+    place = np.flatnonzero(there)
+    covariance = vibration.covariance[np.abs(place[:, None] - place)]
+    inverse, trend = np.linalg.inv(covariance), vibration.trend
+    span = int(place[-1] - place[0]) + 1
+    gls = np.linalg.solve(trend.T @ inverse @ trend, trend.T @ inverse)
+    drift = trend[:, 1:] @ (gls @ angle[there])[1:]
+    offered: dict[MeanMethod, list[_Array]] = {
+        "plain": [np.full(place.size, 1 / place.size)],
+        "lines": _line_weights(vibration, place),
+        "tapered": [_normalised(each[place - place[0]]) for each in _tapers(span)],
+        "process": [gls[0]],
     }
-    spectrum = _spectrum(filled)
-    predicted = {name: _variance_of_mean(w, spectrum) for name, w in candidates.items()}
-    chosen = min(predicted, key=lambda name: predicted[name]) if method == "auto" else method
-    mean = float(candidates[chosen] @ filled)
-    return MeanAngle(mean, float(np.sqrt(predicted[chosen])), chosen)  # type: ignore[arg-type]
+
+    def std(weights: _Array) -> float:
+        return float(np.sqrt(weights @ covariance @ weights + (weights @ drift) ** 2))
+
+    best = {name: min(each, key=std) for name, each in offered.items()}
+    chosen = _choice({name: std(weights) for name, weights in best.items()}, method)
+    weights = np.zeros(angle.size)
+    weights[there] = best[chosen]
+    return MeanAngle(float(best[chosen] @ angle[there]), std(best[chosen]), chosen, weights)
 
 
-def _short_mean(angle: _Array) -> MeanAngle:
-    if angle.size == 0:
-        return MeanAngle(np.nan, np.nan, "plain")
-    std = angle.std(ddof=1) / np.sqrt(angle.size) if angle.size > 1 else np.nan
-    return MeanAngle(float(angle.mean()), float(std), "plain")
+def _mean_of_long(
+    angle: _Array, there: NDArray[np.bool_], method: str, noise: float | None
+) -> MeanAngle:
+    covariance = segmented_covariance(angle, noise=noise)
+    offered: dict[MeanMethod, list[_Array]] = {
+        "plain": [there / there.sum()],
+        "tapered": [_normalised(each * there) for each in _tapers(angle.size)],
+        "process": [_normalised(segment_weights(there, covariance))],
+    }
+
+    def std(weights: _Array) -> float:
+        return float(np.sqrt(variance_of(weights, covariance)))
+
+    best = {name: min(each, key=std) for name, each in offered.items()}
+    wanted = "process" if method == "lines" else method
+    chosen = _choice({name: std(weights) for name, weights in best.items()}, wanted)
+    mean = float(best[chosen][there] @ angle[there])
+    return MeanAngle(mean, std(best[chosen]), chosen, best[chosen])
+
+
+def _choice(predicted: dict[MeanMethod, float], method: str) -> MeanMethod:
+    """Choose the first, simplest method nearly as good as the best, unless one is asked for."""
+    asked = [name for name in predicted if name == method]
+    enough = _AS_GOOD * min(predicted.values())
+    return (asked or [name for name, std in predicted.items() if std <= enough])[0]
+
+
+def _line_weights(vibration: Vibration, place: NDArray[np.int64]) -> list[_Array]:
+    """Weights of least squares, for each degree of the amplitudes that leaves enough fields."""
+    phase = 2 * np.pi * np.outer(place, [line.frequency for line in vibration.lines])
+    waves = np.hstack([np.cos(phase), np.sin(phase)])
+    time = (place - place.mean()) / max(1.0, float(np.ptp(place)))
+    fits = []
+    for degree in _AMPLITUDE_DEGREES:
+        powers = [waves * time[:, None] ** each for each in range(degree + 1)]
+        design = np.hstack([vibration.trend, *powers])
+        if 2 * design.shape[1] <= place.size or degree == 0:
+            fits.append(np.linalg.pinv(design, rcond=1e-9)[0])
+    return fits
+
+
+def _tapers(length: int) -> list[_Array]:
+    return [signal.windows.kaiser(length, shape) for shape in _KAISER]
 
 
 def _normalised(weight: _Array) -> _Array:
@@ -86,20 +229,5 @@ def _normalised(weight: _Array) -> _Array:
     return share
 
 
-def _spectrum(angle: _Array) -> _Array:
-    """Two-sided power in each padded bin; the sum is the variance about the mean."""
-    taper = signal.windows.hann(angle.size + 2)[1:-1]
-    departure = angle - _normalised(taper) @ angle
-    padded = angle.size * _PADDING
-    power = np.abs(np.fft.fft(departure * taper, padded)) ** 2
-    power /= padded * (taper**2).sum()
-    frequency = np.abs(np.fft.fftfreq(padded)) * angle.size  # in bins of the record
-    low = frequency < _MAIN_LOBE
-    # The median passes over the lines of a vibration; for noise it is ln 2 times the mean.
-    power[low] = np.median(power[~low]) / np.log(2)
-    return power
-
-
-def _variance_of_mean(weight: _Array, spectrum: _Array) -> float:
-    response = np.abs(np.fft.fft(weight, spectrum.size)) ** 2
-    return float((spectrum * response).sum())
+def _in_hz(line: VibrationLine, rate_hz: float) -> VibrationLine:
+    return VibrationLine(line.frequency * rate_hz, line.amplitude, line.bandwidth * rate_hz)

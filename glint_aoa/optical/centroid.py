@@ -1,64 +1,29 @@
 """Column centres: background-subtracted intensity centroid in a window that follows the line."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from glint_aoa.optical.estimator import ColumnCentres, Sample
+from glint_aoa.optical.noise import NoiseModel
 from glint_aoa.optical.shape import GlintShape
 
-__all__ = ["ColumnCentres", "centroid_columns"]
+__all__ = ["Centroid", "learn"]
+
+_SOFTER = 0.92  # of the half width: this window's shoulders are broader than its edge tells
+_REACH = 2.0  # lines that a centre may lie from its start, at least
 
 
 @dataclass(frozen=True)
-class ColumnCentres:
-    """Centres of the glint in many columns of many fields.
+class Centroid:
+    r"""Centroid in a soft window that settles on its own centre c, where
 
-    Attributes
-    ----------
-    row : ndarray, shape (field, column)
-        Centre in rows of the recorded window [field lines]; NaN where not measured.
-    height : ndarray, shape (field, column)
-        Mean height of the glint's window over its background [grey levels].
-    cut : ndarray of bool, shape (field, column)
-        Whether the line is expected there but runs out of the window.
-    clipped : ndarray of bool, shape (field, column)
-        Whether a pixel of the window is at the top of the scale.
-    """
-
-    row: NDArray[np.float64]
-    height: NDArray[np.float64]
-    cut: NDArray[np.bool_]
-    clipped: NDArray[np.bool_]
-
-
-def centroid_columns(
-    fields: NDArray[np.integer], columns: NDArray[np.int64], shape: GlintShape
-) -> ColumnCentres:
-    r"""Measure the glint's centre in the given columns of each field.
-
-    In each field the brightest box of lines of each column votes for a coarse line; a column
-    that disagrees starts from the line instead. The centroid's window then settles on its own
-    centre c, where
-
-    .. math:: \sum_v w(v - c) (v - c) (I_v - B_v) = 0, \quad w(t) = \cos^2(\pi t / 2h)
+    .. math:: \sum_v w(v - c) (v - c) (I_v - B_v) = 0, \quad w(t) = (1 - (t / h)^2)^2
 
     with h the half width and B the background, linear between the lines on both sides. The soft
     edges keep single lines from pulling the centre, and are near the best weights for the noise.
-
-    Parameters
-    ----------
-    fields : ndarray, shape (field, line, column)
-        Grey levels, uint8 or uint16.
-    columns : ndarray, shape (column,)
-        Columns to measure, 0-based in the recorded window.
-    shape : GlintShape
-        What is known of the glint, from `glint_aoa.optical.detect.find_glint`.
-
-    Returns
-    -------
-    ColumnCentres
-        Centres, heights and what is wrong with them.
 
     Notes
     -----
@@ -67,26 +32,78 @@ def centroid_columns(
     Cramer-Rao bound and its pixel locking below 0.0002 line (0.001 line for sigma 0.7). It is
     biased where the background is curved across the window, where a second line enters it, and by
     clipping of an asymmetric glint.
-    """
-    from glint_aoa.optical import _centroid_kernel as kernel  # noqa: PLC0415  compiles
+    """  # noqa: D205, D400
 
-    size = (len(fields), columns.size)
-    row, height = np.empty(size), np.empty(size)
-    status, clipped = np.empty(size, np.uint8), np.empty(size, np.bool_)
-    kernel.column_centres(
-        fields,
-        columns,
-        shape.first_row,
-        shape.last_row,
-        shape.half_box,
-        shape.half_width,
-        shape.flank,
-        shape.sign,
-        shape.threshold,
-        shape.saturation,
-        row,
-        height,
-        status,
-        clipped,
-    )
-    return ColumnCentres(row=row, height=height, cut=status == kernel.CUT, clipped=clipped)
+    shape: GlintShape
+
+    @property
+    def name(self) -> str:
+        """Name in the setup."""
+        return "centroid"
+
+    @property
+    def settings(self) -> Mapping[str, object]:
+        """Figures behind the estimator, for the record's attributes."""
+        return {"half_width_lines": self.shape.half_width}
+
+    def centres(
+        self,
+        fields: NDArray[np.integer],
+        columns: NDArray[np.int64],
+        start: NDArray[np.float64],
+    ) -> ColumnCentres:
+        """Settle a centroid in every column.
+
+        Parameters
+        ----------
+        fields, columns, start
+            As for `glint_aoa.optical.estimator.Estimator`.
+
+        Returns
+        -------
+        ColumnCentres
+            The height is the light over the background divided by the width of the glint's box.
+        """
+        from glint_aoa.optical import _centroid_kernel as kernel  # noqa: PLC0415  compiles
+
+        size = (len(fields), columns.size)
+        row, height = np.empty(size), np.empty(size)
+        status, clipped = np.empty(size, np.uint8), np.empty(size, np.bool_)
+        half = _SOFTER * self.shape.half_width
+        kernel.column_centres(
+            fields,
+            columns,
+            start,
+            half,
+            self.shape.flank,
+            max(_REACH, 0.5 * half),
+            2 * self.shape.half_box + 1,
+            self.shape.sign,
+            self.shape.threshold,
+            self.shape.saturation,
+            row,
+            height,
+            status,
+            clipped,
+        )
+        return ColumnCentres(row=row, height=height, cut=status == kernel.CUT, clipped=clipped)
+
+
+def learn(sample: Sample, shape: GlintShape, noise: NoiseModel) -> Centroid:  # noqa: ARG001
+    """Make the estimator; it needs the glint's width only.
+
+    Parameters
+    ----------
+    sample : Sample
+        Fields in which the line is known.
+    shape : GlintShape
+        What is known of the glint.
+    noise : NoiseModel
+        The camera's noise.
+
+    Returns
+    -------
+    Centroid
+        The estimator.
+    """
+    return Centroid(shape)

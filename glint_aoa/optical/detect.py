@@ -1,28 +1,123 @@
 """Where the glint is and how wide: what the column estimators need to know beforehand."""
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from glint_aoa.optical.centroid import centroid_columns
+from glint_aoa.optical.centroid import Centroid
 from glint_aoa.optical.shape import GlintShape
 from glint_aoa.setup import Glint
 
-__all__ = ["find_glint", "used_columns"]
+__all__ = ["CoarseLines", "find_glint", "find_lines", "used_columns"]
 
-_FIRST_BOX = 1  # half a box of three lines, before the glint's width is known
+_Array = NDArray[np.float64]
+
+_HALF_BOXES = (1, 3, 8)  # lines: thin, usual and broad glints, before the width is known
 _LEAST_NOISE = 0.5  # grey levels: what rounding to whole grey levels alone may hide
 _LEAST_HALF_WIDTH = 2.5
 _FLANK_SHARE = 0.6  # of the half width, on each side, is background
 _LEAST_FLANK = 2.0
+_CLEAREST = 0.9  # of the sample's fields are less clear than what the others are held against
+_SHAPE_SAMPLE = 7  # fields that show the glint's width
+_LEAST_ROOM = 6  # of the rows to look in hold half a box
+_BAND_MARGIN = 6  # lines on either side of where the sample's lines and their flanks lie
+_LEAST_PATCHES = 8
+_NOISE_SAMPLE = 2  # fields show the noise along lines
+_FAR_OUT = -1e6  # row of a line where it has left the rows to look in
+
+
+@dataclass(frozen=True)
+class CoarseLines:
+    """The line of each field, good to a part of a line where it is straight.
+
+    Attributes
+    ----------
+    coefficients : ndarray, shape (field, 3)
+        Row against column, in rising powers; NaN where no line was found.
+    share : ndarray, shape (field,)
+        Share of the bright patches of a field that lie on its line.
+    contrast : ndarray, shape (field,)
+        Their mean height over what surrounds them [grey levels].
+    """
+
+    coefficients: _Array
+    share: _Array
+    contrast: _Array
+
+    def rows(self, columns: NDArray[np.int64], shape: GlintShape) -> _Array:
+        """Row of the lines at columns [field, column]: NaN where none, far out beyond the rows."""
+        u = columns.astype(np.float64)
+        c = self.coefficients
+        rows = (c[:, 2:3] * u + c[:, 1:2]) * u + c[:, 0:1]
+        outside = (rows < shape.first_row - 0.5) | (rows > shape.last_row - 0.5)
+        rows[outside] = _FAR_OUT
+        return rows
 
 
 def used_columns(n_columns: int, step: int) -> NDArray[np.int64]:
     """Columns at which centres are measured: every `step`, from the middle of the first step."""
     first = min(step // 2, (n_columns - 1) // 2)
     return np.arange(first, n_columns, step, dtype=np.int64)
+
+
+def find_lines(fields: NDArray[np.integer], shape: GlintShape) -> CoarseLines:
+    """Find the line in each field.
+
+    Patches of eight pixels along the lines (four of 16 bits) are summed; in each, the box of lines
+    that stands out most votes for a straight line, and the line on which most agree is fitted to
+    the peaks of its voters; as a parabola where it is bent.
+
+    Parameters
+    ----------
+    fields : ndarray, shape (field, line, column)
+        Grey levels, uint8 or uint16.
+    shape : GlintShape
+        What is known of the glint.
+
+    Returns
+    -------
+    CoarseLines
+        The lines.
+    """
+    from glint_aoa.optical import _locate_kernel as kernel  # noqa: PLC0415  compiles
+
+    words, pitch = _words(fields)
+    n = len(fields)
+    line, share, contrast = np.empty((n, 3)), np.empty(n), np.empty(n)
+    kernel.coarse_lines(
+        words,
+        fields.dtype.itemsize == 2,
+        shape.first_row,
+        shape.last_row,
+        shape.band_first,
+        shape.band_last,
+        shape.half_box,
+        shape.surround,
+        shape.sign,
+        shape.patch_threshold,
+        shape.usual_contrast,
+        line,
+        share,
+        contrast,
+    )
+    # From the number p of a patch to the column u = pitch p + offset of its middle.
+    offset = (pitch - 1) / 2
+    a, b, c = line.T
+    b, c = b / pitch, c / pitch**2
+    line = np.stack([a - b * offset + c * offset**2, b - 2 * c * offset, c], axis=1)
+    return CoarseLines(line, share, contrast)
+
+
+def _words(fields: NDArray[np.integer]) -> tuple[NDArray[np.uint64], int]:
+    """Fields as words of eight bytes [field, line, word], and columns from one to the next."""
+    pixels = 8 // fields.dtype.itemsize
+    whole = fields.shape[2] // pixels * pixels
+    if whole < _LEAST_PATCHES * pixels:  # too narrow: each column becomes a patch
+        return np.repeat(fields, pixels, axis=2).view(np.uint64), 1
+    return np.ascontiguousarray(fields)[:, :, :whole].view(np.uint64), pixels
 
 
 def find_glint(
@@ -48,58 +143,114 @@ def find_glint(
     GlintShape
         The shape; ``found`` is False where no line stands out.
     """
-    shape = _first_guess(sample, glint, white_level or np.iinfo(sample.dtype).max)
+    whole = sample
+    shape, sample = _best_scale(whole, glint, white_level or np.iinfo(sample.dtype).max)
     columns = used_columns(sample.shape[2], max(1, sample.shape[2] // 64))
+    rows = find_lines(sample, shape).rows(columns, shape)
     for _ in range(2):  # the second round averages profiles that are better aligned
-        profile = _mean_profile(sample, columns, shape)
+        profile = _mean_profile(sample, columns, rows, shape, (0, sample.shape[1]))
         if profile is None:
             return shape
         shape = _with_widths(shape, profile, glint)
-    return shape
+        rows = find_lines(sample, shape).rows(columns, shape)
+        rows = Centroid(shape).centres(sample, columns, rows).row
+    looked_at = _mean_profile(sample, columns, rows, shape, (shape.first_row, shape.last_row))
+    if looked_at is not None:
+        shape = replace(shape, second=_second_height(looked_at, shape.half_width))
+    return _with_band(shape, whole)
 
 
-def _first_guess(sample: NDArray[np.integer], glint: Glint, white_level: int) -> GlintShape:
+def _best_scale(
+    sample: NDArray[np.integer], glint: Glint, white_level: int
+) -> tuple[GlintShape, NDArray[np.integer]]:
+    """Shape with the box of lines in which the glint stands out most, and fields that show it."""
+    shapes = [_first_guess(sample, glint, white_level, half_box) for half_box in _HALF_BOXES]
+    found = [find_lines(sample, shape) for shape in shapes]
+    clear = np.array(
+        [each.share * each.contrast / s.patch_threshold for s, each in zip(shapes, found)]
+    )
+    best = int(np.argmax(np.quantile(clear, _CLEAREST, axis=1)))
+    shown = np.flatnonzero(clear[best] >= 0.5 * np.quantile(clear[best], _CLEAREST))
+    few = shown[np.linspace(0, shown.size - 1, min(_SHAPE_SAMPLE, shown.size)).astype(int)]
+    return shapes[best], sample[np.unique(few)]
+
+
+def _first_guess(
+    sample: NDArray[np.integer], glint: Glint, white_level: int, half_box: int
+) -> GlintShape:
     first, last = glint.search_window or (0, sample.shape[1])
-    looked_at = sample[:, first:last].astype(np.float64)
+    looked_at = sample[:: max(1, len(sample) // _NOISE_SAMPLE), first:last]
     noise = _background_noise(looked_at)
-    half_width = glint.half_width or 5.0
+    half_box = min(half_box, (last - first) // _LEAST_ROOM)
+    half_width = glint.half_width or 2.0 * half_box + 2.0
     return GlintShape(
         first_row=first,
         last_row=last,
-        half_box=min(_FIRST_BOX, (last - first - 1) // 2),
+        band_first=first,
+        band_last=last,
+        half_box=half_box,
+        surround=3 * half_box + 1,
         half_width=half_width,
         flank=max(_LEAST_FLANK, _FLANK_SHARE * half_width),
         sign=1 if glint.polarity == "bright" else -1,
-        threshold=glint.min_contrast * noise,
+        threshold=glint.min_contrast * _box_noise(looked_at, half_box, 1),
+        patch_threshold=glint.min_contrast * _patch_noise(looked_at, half_box),
+        usual_contrast=math.inf,
         saturation=white_level if glint.saturation is None else glint.saturation,
         noise=noise,
+        second=0.0,
         found=False,
     )
 
 
-def _background_noise(fields: NDArray[np.float64]) -> float:
+def _background_noise(fields: NDArray[np.integer]) -> float:
     """Noise of one pixel from differences along lines: a glint hardly changes along a line."""
     if fields.shape[2] < 2:
         return _LEAST_NOISE
-    differences = np.abs(np.diff(fields, axis=2))
-    return max(_LEAST_NOISE, 1.4826 * float(np.median(differences)) / math.sqrt(2))
+    return max(_LEAST_NOISE, _noise_along_lines(fields.astype(np.float64)))
+
+
+def _patch_noise(fields: NDArray[np.integer], half_box: int) -> float:
+    """Noise of a patch's box of lines held against two others, from differences along lines."""
+    words, _ = _words(fields)
+    pixels = 8 // fields.dtype.itemsize
+    patches = words.view(fields.dtype).reshape(*words.shape, pixels).mean(axis=3)
+    return math.sqrt(1.5) * _box_noise(patches, half_box, pixels)
+
+
+def _box_noise(fields: NDArray[Any], half_box: int, pixels: int) -> float:
+    """Noise of the mean of a box of lines, from differences along lines."""
+    width = 2 * half_box + 1
+    least = _LEAST_NOISE / math.sqrt(width * pixels)
+    sums = np.cumsum(fields, axis=1, dtype=np.float64)
+    boxes = (sums[:, width:] - sums[:, :-width]) / width
+    if boxes.size == 0 or boxes.shape[2] < 2:
+        return least
+    return max(least, _noise_along_lines(boxes))
+
+
+def _noise_along_lines(values: _Array) -> float:
+    return 1.4826 * float(np.median(np.abs(np.diff(values, axis=2)))) / math.sqrt(2)
 
 
 def _mean_profile(
-    sample: NDArray[np.integer], columns: NDArray[np.int64], shape: GlintShape
-) -> NDArray[np.float64] | None:
-    """Mean profile about the centre, on a grid of lines as far as the rows go; NaN beyond."""
-    centres = centroid_columns(sample, columns, shape)
-    field, column = np.nonzero(np.isfinite(centres.row))
+    sample: NDArray[np.integer],
+    columns: NDArray[np.int64],
+    rows: _Array,
+    shape: GlintShape,
+    limits: tuple[int, int],
+) -> _Array | None:
+    """Mean profile about the centre, on a grid of lines as far as the limits go; NaN beyond."""
+    field, column = np.nonzero(rows > _FAR_OUT)
     if field.size < 3:
         return None
-    middle = np.round(centres.row[field, column]).astype(np.int64)
+    middle = np.round(rows[field, column]).astype(np.int64)
     reach = sample.shape[1]
-    rows = middle[:, None] + np.arange(-reach, reach + 1)
-    inside = (rows >= 0) & (rows < sample.shape[1])
+    about = middle[:, None] + np.arange(-reach, reach + 1)
+    inside = (about >= limits[0]) & (about < limits[1])
     grey = sample[
         field[:, None],
-        np.clip(rows, 0, sample.shape[1] - 1),
+        np.clip(about, 0, sample.shape[1] - 1),
         columns[column][:, None],
     ]
     count = inside.sum(axis=0)
@@ -107,7 +258,7 @@ def _mean_profile(
     return np.where(count > 0.5 * field.size, total / np.maximum(count, 1), np.nan)
 
 
-def _with_widths(shape: GlintShape, profile: NDArray[np.float64], glint: Glint) -> GlintShape:
+def _with_widths(shape: GlintShape, profile: _Array, glint: Glint) -> GlintShape:
     middle = profile.size // 2
     down, up = (_side_widths(side) for side in (profile[middle::-1], profile[middle:]))
     half = (down[0] + up[0]) / 2
@@ -116,16 +267,54 @@ def _with_widths(shape: GlintShape, profile: NDArray[np.float64], glint: Glint) 
     # at 2.15 sigma; about twice the half width of a band with a flat top, known by its edges.
     half_width = glint.half_width or max(_LEAST_HALF_WIDTH, 1.4 * tenth + 0.6, 2.04 * half)
     rows = shape.last_row - shape.first_row
+    half_box = int(np.clip(round(half - 0.5), 0, (rows - 1) // 2))
+    fewer = math.sqrt((2 * shape.half_box + 1) / (2 * half_box + 1))  # lines, more noise
     return replace(
         shape,
-        half_box=int(np.clip(round(half - 0.5), 0, (rows - 1) // 2)),
+        half_box=half_box,
+        threshold=shape.threshold * fewer,
+        patch_threshold=shape.patch_threshold * fewer,
+        surround=math.ceil(half_width),
         half_width=half_width,
         flank=max(_LEAST_FLANK, _FLANK_SHARE * half_width),
         found=True,
     )
 
 
-def _side_widths(side: NDArray[np.float64]) -> tuple[float, float]:
+def _second_height(profile: _Array, half_width: float) -> float:
+    """Height of the highest line beyond the window over that of the glint, both over the lowest."""
+    middle, side = profile.size // 2, math.ceil(half_width)
+    known = np.isfinite(profile)
+    floor = np.min(profile[known])
+    height = np.max(profile[middle - 1 : middle + 2]) - floor
+    tallest = 0.0
+    for half in (profile[: max(middle - side, 0)], profile[middle + side + 1 :]):
+        inner = half[np.isfinite(half)]
+        if inner.size < 3:
+            continue
+        peak = 1 + int(np.argmax(inner[1:-1]))
+        valley = max(inner[:peak].min(), inner[peak + 1 :].min())
+        tallest = max(tallest, inner[peak] - valley)
+    return float(tallest / max(height, 1e-9))
+
+
+def _with_band(shape: GlintShape, sample: NDArray[np.integer]) -> GlintShape:
+    """Rows in which the sample's lines lie, and how clear they are there."""
+    lines = find_lines(sample, shape)
+    if not (lines.share > 0).any():
+        return shape
+    ends = lines.rows(np.array([0, sample.shape[2] // 2, sample.shape[2] - 1]), shape)
+    ends = np.clip(ends[np.isfinite(ends)], shape.first_row, shape.last_row)
+    margin = math.ceil(shape.half_width + shape.flank) + _BAND_MARGIN
+    return replace(
+        shape,
+        band_first=max(math.floor(ends.min()) - margin, shape.first_row),
+        band_last=min(math.ceil(ends.max()) + margin + 1, shape.last_row),
+        usual_contrast=float(np.median(lines.contrast[lines.share > 0])),
+    )
+
+
+def _side_widths(side: _Array) -> tuple[float, float]:
     """Distances from the middle at which one side of a profile falls to a half and a tenth."""
     side = side[np.isfinite(side)]
     floor = _first_valley(side)
@@ -134,7 +323,7 @@ def _side_widths(side: NDArray[np.float64]) -> tuple[float, float]:
     return _crossing(falling, 0.5), _crossing(falling, 0.1)
 
 
-def _first_valley(side: NDArray[np.float64]) -> int:
+def _first_valley(side: _Array) -> int:
     """Index of the first minimum beyond which the profile climbs by a tenth of its height."""
     lowest = 0
     height = np.ptp(side)
@@ -146,7 +335,7 @@ def _first_valley(side: NDArray[np.float64]) -> int:
     return lowest
 
 
-def _crossing(falling: NDArray[np.float64], level: float) -> float:
+def _crossing(falling: _Array, level: float) -> float:
     """Where the curve last falls through a level, linearly between its points."""
     above = np.flatnonzero(falling >= level)
     if above.size == 0 or above[-1] + 1 >= falling.size:

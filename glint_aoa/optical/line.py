@@ -1,6 +1,6 @@
 """Robust weighted straight lines, many fields at a time."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +24,8 @@ class LineFit:
     ----------
     slope, intercept : ndarray, shape (field,)
         Slope [1] and height at s = 0 [as z]; NaN where fewer than two columns have weight.
-    slope_var, intercept_var : ndarray, shape (field,)
-        Their variances if the weights are inverse variances [1, z^2].
+    slope_var, intercept_var, covariance : ndarray, shape (field,)
+        Their variances and covariance if the weights are inverse variances [1, z^2, z].
     weight : ndarray, shape (field, column)
         The weights that were used in the end [1/z^2].
     residual : ndarray, shape (field, column)
@@ -36,6 +36,7 @@ class LineFit:
     intercept: _Array
     slope_var: _Array
     intercept_var: _Array
+    covariance: _Array
     weight: _Array
     residual: _Array
 
@@ -71,9 +72,10 @@ def fit_lines(s: _Array, z: _Array, weight: _Array) -> LineFit:
     slope, slope_var, intercept_var = (
         np.where(bad, np.nan, each) for each in (slope, slope_var, intercept_var)
     )
+    covariance = -s_mean * slope_var
     intercept = z_mean - slope * s_mean
     residual = np.where(there, z, np.nan) - intercept[:, None] - slope[:, None] * s0
-    return LineFit(slope, intercept, slope_var, intercept_var, weight, residual)
+    return LineFit(slope, intercept, slope_var, intercept_var, covariance, weight, residual)
 
 
 def fit_lines_robustly(s: _Array, z: _Array, std: _Array, usual: _Array) -> LineFit:
@@ -107,8 +109,8 @@ def fit_lines_robustly(s: _Array, z: _Array, std: _Array, usual: _Array) -> Line
         if spoilt[rows[0]]:
             start = _about_median_line(s[rows], z[rows], usual)
         again = _bisquare(s[rows], z[rows], std, usual, start)
-        for name in ("slope", "intercept", "slope_var", "intercept_var", "weight", "residual"):
-            getattr(fit, name)[rows] = getattr(again, name)
+        for each in fields(LineFit):
+            getattr(fit, each.name)[rows] = getattr(again, each.name)
     return fit
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from calibration.sweep import PitchSweep
 from glint_aoa.benchmark import PointError, Technique
 from glint_aoa.errors import OutputError
+from glint_aoa.optical.measure import fit_fields
 from glint_aoa.process import PointResult
 from glint_aoa.records._files import replacing
 from glint_aoa.records.fields import FieldStack
@@ -239,16 +240,17 @@ def measured_field(stack: FieldStack, result: PointResult, number: int) -> Figur
     columns = recording.first_column + np.arange(stack.n_columns, dtype=np.float64)
     # The line in pixels: points along it in the plane, spaced as the columns are, mapped back.
     along, _ = plane(columns, np.full(stack.n_columns, first_line + stack.n_lines / 2))
-    slope = how.setup.glint.nose_sign * np.tan(angles.angle[number])
-    height = angles.intercept[number] + slope * along
+    field = stack.read(number, number + 1)
+    centres, fit = fit_fields(field, angles.field[[number]], how)
+    height = fit.intercept[0] + fit.slope[0] * along
     u, v = plane.to_pixels(along, height)
     angle, u95 = result.record["angle_deg"][number], 1.96 * result.record["angle_std_deg"][number]
     pitch = plane.pixel_pitch
     return field_with_line(
-        stack.read(number, number + 1)[0],
+        field[0],
         np.interp(columns, u, v),
         centre_u=recording.first_column + how.columns.astype(np.float64),
-        centre_v=first_line + angles.centre_row[number],
+        centre_v=first_line + centres.row[0],
         first_line=first_line,
         first_column=recording.first_column,
         pixel_aspect=pitch[1] / pitch[0],

@@ -1,0 +1,101 @@
+"""What every estimator of the columns' centres takes and gives."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["ColumnCentres", "Estimator", "Sample"]
+
+
+@dataclass(frozen=True)
+class ColumnCentres:
+    """Centres of the glint in many columns of many fields.
+
+    Attributes
+    ----------
+    row : ndarray, shape (field, column)
+        Centre in rows of the recorded window [field lines]; NaN where not measured.
+    height : ndarray, shape (field, column)
+        Height of the glint over its background, on the estimator's own scale [grey levels].
+    cut : ndarray of bool, shape (field, column)
+        Whether the line is expected there but runs out of the window.
+    clipped : ndarray of bool, shape (field, column)
+        Whether a pixel of the window is at the top of the scale.
+    """
+
+    row: NDArray[np.float64]
+    height: NDArray[np.float64]
+    cut: NDArray[np.bool_]
+    clipped: NDArray[np.bool_]
+
+    @classmethod
+    def joined(cls, parts: list[Self]) -> Self:
+        """Join the centres of consecutive fields."""
+        if len(parts) == 1:
+            return parts[0]
+        return cls(
+            **{f.name: np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(cls)}
+        )
+
+
+@dataclass(frozen=True)
+class Sample:
+    """A few fields of a stack in which the line is already known well.
+
+    Attributes
+    ----------
+    fields : ndarray, shape (field, line, column)
+        Grey levels.
+    columns : ndarray, shape (column,)
+        Columns measured, 0-based in the recorded window.
+    row : ndarray, shape (field, column)
+        Where the line is: the field's fitted line and the column's usual departure from it, in
+        rows of the recorded window; NaN where unknown.
+    """
+
+    fields: NDArray[np.integer]
+    columns: NDArray[np.int64]
+    row: NDArray[np.float64]
+
+
+    def thinned(self, most: int) -> Self:
+        """Keep at most so many columns, evenly spread and the same from either end."""
+        n = self.columns.size
+        kept = np.unique(np.round(np.linspace(0, n - 1, min(most, n))).astype(np.int64))
+        return type(self)(self.fields, self.columns[kept], self.row[:, kept])
+
+
+class Estimator(Protocol):
+    """Measures the centre of the glint in each column, starting from the coarse line.
+
+    Each estimator's file offers ``learn(sample, shape, noise)``, which returns one.
+    """
+
+    @property
+    def name(self) -> str:
+        """Name in the setup."""
+
+    @property
+    def settings(self) -> Mapping[str, object]:
+        """Figures behind the estimator, for the record's attributes."""
+
+    def centres(
+        self,
+        fields: NDArray[np.integer],
+        columns: NDArray[np.int64],
+        start: NDArray[np.float64],
+    ) -> ColumnCentres:
+        """Measure the centres.
+
+        Parameters
+        ----------
+        fields : ndarray, shape (field, line, column)
+            Grey levels, uint8 or uint16.
+        columns : ndarray, shape (column,)
+            Columns to measure, 0-based in the recorded window.
+        start : ndarray, shape (field, column)
+            Row at which the line is expected, good to a line or two; NaN where there is none.
+        """

@@ -1,0 +1,379 @@
+"""The glint's profile across the line, as pixels see it: its model and how it is learnt."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import BSpline, CubicSpline
+from scipy.optimize import least_squares
+from scipy.special import ndtr
+
+from glint_aoa.optical.estimator import Sample
+from glint_aoa.optical.noise import NoiseModel
+from glint_aoa.optical.shape import GlintShape
+
+__all__ = ["LineProfile", "learn_profile", "phases_covered"]
+
+_Array = NDArray[np.float64]
+_Curve = Callable[[_Array], _Array]
+
+_MOST_COLUMNS = 96  # of the sample serve to learn the profile
+_ROUNDS = 3
+_MOST_STEPS = 40
+_LEAST_BINS = 6
+_BIN = 1 / 16  # lines
+_KNOTS = 0.5  # lines: the correction follows nothing finer, nor does a pixel's integral
+_PHASE_BINS, _LEAST_SHARE = 8, 0.25
+_OUTLYING = 6.0  # standard deviations at which a pixel does not count
+_GRID = 1 / 32  # lines between the points of the finished profile
+_ROOT_2_PI = float(np.sqrt(2 * np.pi))
+
+
+@dataclass(frozen=True)
+class LineProfile:
+    """Profile of the glint across the line, integrated over pixels.
+
+    Attributes
+    ----------
+    curve : CubicSpline
+        Height against lines from the centre, 1 at the top.
+    reach : float
+        Lines from the centre within which it is known.
+    source : {"learnt", "parametric"}
+        Whether the sample showed enough of a line's phases to correct the parametric model.
+    model : str
+        Name of the parametric model, its width and its other figures.
+    misfit : float
+        What it leaves of the sample's pixels, rms, over their noise: 1 where all columns have the
+        same profile.
+    """
+
+    curve: CubicSpline
+    reach: float
+    source: str
+    model: str
+    misfit: float = 1.0
+
+
+@dataclass(frozen=True)
+class _Cloud:
+    """Pixels of the sample about the line: [point] unless said otherwise."""
+
+    t: _Array  # lines from the centre
+    grey: _Array
+    column: NDArray[np.int64]  # 0 ... n_columns - 1
+    n_columns: int
+
+
+@dataclass(frozen=True)
+class ColumnLight:
+    """Height and level of the light in each column [grey levels], and the level's tilt a line."""
+
+    height: _Array
+    level: _Array
+    tilt: _Array
+    tilt_std: _Array
+
+
+def phases_covered(row: _Array) -> bool:
+    """Say whether centres cover the phases of a line: what a learnt profile needs.
+
+    Parameters
+    ----------
+    row : ndarray
+        Centres in rows; NaN is left out.
+
+    Returns
+    -------
+    bool
+        Whether each eighth of a line holds at least a quarter of its share.
+    """
+    phase = np.mod(row[np.isfinite(row)], 1.0)
+    if phase.size < _PHASE_BINS:
+        return False
+    count = np.histogram(phase, bins=_PHASE_BINS, range=(0.0, 1.0))[0]
+    return bool(count.min() >= _LEAST_SHARE * phase.size / _PHASE_BINS)
+
+
+def learn_profile(
+    sample: Sample, shape: GlintShape, noise: NoiseModel
+) -> tuple[LineProfile, ColumnLight]:
+    """Learn the line's profile from a sample in which the line is known.
+
+    Parametric profiles, integrated over pixels, are fitted to all columns together, each with its
+    own height, level and tilt of the background; the simplest that explains the sample is taken.
+    Where the sample covers the phases of a line a spline corrects it.
+
+    Parameters
+    ----------
+    sample : Sample
+        Fields with known line.
+    shape : GlintShape
+        What is known of the glint.
+    noise : NoiseModel
+        The camera's noise.
+
+    Returns
+    -------
+    LineProfile
+        The profile.
+    ColumnLight
+        Height, level and tilt in the sample's columns.
+
+    Notes
+    -----
+    The effective point-spread function of Anderson and King (PASP 112, 2000, 1360;
+    doi:10.1086/316632) for a line. A static, nearly level line shows a few phases only; what lies
+    between them is then the parametric model's, since a spline there would follow the noise.
+    """
+    reach = shape.half_width + shape.flank
+    cloud = _cloud(sample.thinned(_MOST_COLUMNS), shape, reach)
+    covered = phases_covered(sample.row)
+    start = _Fit(_GAUSSIAN, np.array([0.0, max(shape.half_width / 3.2, 0.3)]))
+    profile = LineProfile(_spline_of(start.curve, reach), reach, "parametric", "")
+    fit: _Fit | None = None
+    for _ in range(_ROUNDS):
+        light = _light(cloud, profile, noise)
+        cloud = _without_outliers(cloud, profile, light, noise)
+        bins = _binned(cloud, light, noise)
+        if bins.t.size < _LEAST_BINS:
+            break
+        fit = _best_fit(bins, start) if fit is None else _fitted(bins, fit)[0]
+        profile = _finished(bins, fit, reach, covered=covered)
+    profile = replace(profile, misfit=_misfit(cloud, profile, noise))
+    return profile, _light(_cloud(sample, shape, reach), profile, noise)
+
+
+def _misfit(cloud: _Cloud, profile: LineProfile, noise: NoiseModel) -> float:
+    model = _modelled(cloud, profile, _light(cloud, profile, noise))
+    square = (cloud.grey - model) ** 2 / noise.variance(np.abs(model))
+    known = np.isfinite(square)
+    return float(np.sqrt(square[known].mean())) if known.any() else np.inf
+
+
+def _cloud(sample: Sample, shape: GlintShape, reach: float) -> _Cloud:
+    """Pixels within reach of the line that are not clipped."""
+    field, column = np.nonzero(np.isfinite(sample.row))
+    row = sample.row[field, column]
+    side = int(np.ceil(reach))
+    rows = np.round(row).astype(np.int64)[:, None] + np.arange(-side, side + 1)
+    t = rows - row[:, None]
+    inside = (rows >= 0) & (rows < sample.fields.shape[1]) & (np.abs(t) <= reach)
+    rows = np.clip(rows, 0, sample.fields.shape[1] - 1)
+    grey = sample.fields[field[:, None], rows, sample.columns[column][:, None]].astype(np.float64)
+    usable = inside & (grey < shape.saturation)
+    which = np.broadcast_to(column[:, None], t.shape)
+    return _Cloud(t[usable], shape.sign * grey[usable], which[usable], sample.columns.size)
+
+
+def _light(cloud: _Cloud, profile: LineProfile, noise: NoiseModel) -> ColumnLight:
+    """Least squares for height, level and tilt of each column."""
+    columns = (profile.curve(cloud.t), np.ones(cloud.t.size), cloud.t)
+    weight = 1 / noise.variance(np.abs(cloud.grey))
+    normal, right = np.empty((cloud.n_columns, 3, 3)), np.empty((cloud.n_columns, 3))
+    for i, one in enumerate(columns):
+        right[:, i] = _sum_by_column(cloud, weight * one * cloud.grey)
+        for j, other in enumerate(columns):
+            normal[:, i, j] = _sum_by_column(cloud, weight * one * other)
+    known = normal[:, 0, 0] > 0
+    normal[~known] = np.eye(3)
+    normal += np.eye(3) * 1e-9 * np.trace(normal, axis1=1, axis2=2)[:, None, None]
+    covariance = np.linalg.inv(normal)
+    solution = np.where(known[:, None], np.einsum("cij,cj->ci", covariance, right), np.nan)
+    tilt_std = np.where(known, np.sqrt(covariance[:, 2, 2]), np.inf)
+    return ColumnLight(solution[:, 0], solution[:, 1], solution[:, 2], tilt_std)
+
+
+def _sum_by_column(cloud: _Cloud, values: _Array) -> _Array:
+    return np.bincount(cloud.column, values, minlength=cloud.n_columns)
+
+
+def _without_outliers(
+    cloud: _Cloud, profile: LineProfile, light: ColumnLight, noise: NoiseModel
+) -> _Cloud:
+    model = _modelled(cloud, profile, light)
+    scale = np.sqrt(noise.variance(np.abs(model)))
+    departure = np.abs(cloud.grey - model) / scale
+    with np.errstate(invalid="ignore"):
+        kept = departure <= _OUTLYING * max(1.0, float(np.nanmedian(departure)) / 0.6745)
+    return _Cloud(cloud.t[kept], cloud.grey[kept], cloud.column[kept], cloud.n_columns)
+
+
+def _modelled(cloud: _Cloud, profile: LineProfile, light: ColumnLight) -> _Array:
+    c = cloud.column
+    model: _Array = light.level[c] + light.tilt[c] * cloud.t
+    model += light.height[c] * profile.curve(cloud.t)
+    return model
+
+
+def _finished(bins: "_Bins", fit: "_Fit", reach: float, *, covered: bool) -> LineProfile:
+    """Parametric profile, corrected where the sample covers the phases."""
+    if not covered or bins.t.size < 4 * reach:
+        return LineProfile(_spline_of(fit.curve, reach), reach, "parametric", str(fit))
+    correction = _correction(bins, fit.curve, reach)
+    whole = _spline_of(lambda t: fit.curve(t) + correction(t), reach)
+    return LineProfile(whole, reach, "learnt", str(fit))
+
+
+@dataclass(frozen=True)
+class _Bins:
+    """Means in fine bins of the distance from the line, and their weights."""
+
+    t: _Array
+    value: _Array
+    weight: _Array
+
+
+def _binned(cloud: _Cloud, light: ColumnLight, noise: NoiseModel) -> _Bins:
+    """Pixels of all columns, brought to one height, in fine bins."""
+    c = cloud.column
+    height = np.where(light.height[c] > 0, light.height[c], np.nan)
+    weight = height**2 / noise.variance(np.abs(cloud.grey))
+    value = (cloud.grey - light.level[c] - light.tilt[c] * cloud.t) / height
+    usable = np.isfinite(weight)
+    t, value, weight = cloud.t[usable], value[usable], weight[usable]
+    index = np.round(t / _BIN).astype(np.int64)
+    index -= index.min(initial=0)
+    total = np.bincount(index, weight)
+    there = total > 0
+    return _Bins(
+        np.bincount(index, weight * t)[there] / total[there],
+        np.bincount(index, weight * value)[there] / total[there],
+        total[there],
+    )
+
+
+def _gaussian(sigma: float) -> _Curve:
+    return lambda t: _ROOT_2_PI * sigma * (ndtr((t + 0.5) / sigma) - ndtr((t - 0.5) / sigma))
+
+
+def _edge(t: _Array, sigma: float) -> _Array:
+    """Soft step, integrated over a pixel."""
+    return _ramp(t + 0.5, sigma) - _ramp(t - 0.5, sigma)
+
+
+def _ramp(t: _Array, sigma: float) -> _Array:
+    x = t / sigma
+    ramp: _Array = t * ndtr(x) + sigma * np.exp(-0.5 * x * x) / _ROOT_2_PI
+    return ramp
+
+
+def _band(half: float, above: float, below: float) -> _Curve:
+    return lambda t: _edge(t + half, above) - _edge(t - half, below)
+
+
+def _skirted(sigma: float, share: float, offset: float, wide: float) -> _Curve:
+    narrow, skirt = _gaussian(sigma), _gaussian(wide * sigma)
+    return lambda t: (1 - share) * narrow(t) + share * skirt(t - offset)
+
+
+@dataclass(frozen=True)
+class _Model:
+    """A parametric profile; its figures are multiples of the width, shares or, first, a width."""
+
+    name: str
+    curve: Callable[..., _Curve]
+    start: tuple[float, ...]  # for a Gaussian of unit width
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+
+
+_GAUSSIAN = _Model("Gaussian", _gaussian, (1.0,), (0.25,), (40.0,))
+_RICHER = (
+    _Model("band", _band, (1.2, 0.6, 0.6), (0.1, 0.15, 0.15), (60.0, 20.0, 20.0)),
+    _Model("skirted", _skirted, (1.0, 0.1, 0.0, 2.0), (0.25, 0, -9, 1.2), (40, 0.6, 9, 6)),
+)
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """A parametric profile with its centre and figures."""
+
+    model: _Model
+    figures: _Array
+
+    def curve(self, t: _Array) -> _Array:
+        return self.model.curve(*self.figures[1:])(t - self.figures[0])
+
+    def __str__(self) -> str:
+        told = ", ".join(f"{each:.3g}" for each in self.figures[1:])
+        return f"{self.model.name} ({told})"
+
+
+def _best_fit(bins: _Bins, start: _Fit) -> _Fit:
+    """Fit the Gaussian, and richer profiles where it does not explain the sample.
+
+    Schwarz's criterion chooses; with few bins the Gaussian is all that they can tell.
+    """
+    best, misfit = _fitted(bins, start)
+    free = bins.t.size - best.figures.size - 2
+    if misfit < free + 4 * np.sqrt(2 * free):
+        return best
+    score, width = misfit + best.figures.size * np.log(bins.t.size), best.figures[1]
+    for model in _RICHER:
+        scale = np.array([width] * 3 if model.name == "band" else [width, 1.0, width, 1.0])
+        trial = _Fit(model, np.concatenate([[0.0], np.array(model.start) * scale]))
+        if bins.t.size < 3 * (trial.figures.size + 2):
+            continue
+        fit, misfit = _fitted(bins, trial)
+        if misfit + fit.figures.size * np.log(bins.t.size) < score:
+            best, score = fit, misfit + fit.figures.size * np.log(bins.t.size)
+    return best
+
+
+def _fitted(bins: _Bins, start: _Fit) -> tuple[_Fit, float]:
+    """Improve a profile's figures, height and level free; returns the sum of squares left."""
+    model, root = start.model, np.sqrt(bins.weight)
+
+    def residual(figures: _Array) -> _Array:
+        shape = _Fit(model, figures).curve(bins.t)
+        height, level = _height_and_level(bins, shape)
+        left: _Array = (bins.value - level - height * shape) * root
+        return left
+
+    low, high = np.array((-1.0, *model.low)), np.array((1.0, *model.high))
+    fit = least_squares(
+        residual,
+        np.clip(start.figures, low + 1e-6, high - 1e-6),
+        bounds=(low, high),
+        x_scale=0.3,
+        max_nfev=_MOST_STEPS,
+    )
+    return _Fit(model, fit.x), float(2 * fit.cost)
+
+
+def _height_and_level(bins: _Bins, shape: _Array) -> tuple[float, float]:
+    total = bins.weight.sum()
+    shape_mean = (bins.weight @ shape) / total
+    value_mean = (bins.weight @ bins.value) / total
+    departure = shape - shape_mean
+    height = (bins.weight * departure) @ bins.value / ((bins.weight * departure) @ departure + 1e-30)
+    return float(height), float(value_mean - height * shape_mean)
+
+
+def _correction(bins: _Bins, curve: _Curve, reach: float) -> _Curve:
+    """Least-squares spline through what the parametric profile leaves, zero beyond its knots."""
+    shape, root = curve(bins.t), np.sqrt(bins.weight)
+    height, level = _height_and_level(bins, shape)
+    left = (bins.value - level) / height - shape
+    inner = np.arange(-np.floor(reach) + 0.5, np.floor(reach), _KNOTS)
+    knots = np.concatenate([np.full(4, bins.t[0]), inner, np.full(4, bins.t[-1])])
+    basis = BSpline.design_matrix(bins.t, knots, 3).toarray()
+    weighted = basis * root[:, None] * height
+    # A coefficient that the sample does not show stays at the parametric profile.
+    ridge = np.sqrt(1e-6 * np.mean(bins.weight)) * np.eye(basis.shape[1])
+    coefficients = np.linalg.lstsq(
+        np.vstack([weighted, ridge]),
+        np.concatenate([left * root * height, np.zeros(len(ridge))]),
+        rcond=None,
+    )[0]
+    return BSpline(knots, coefficients, 3, extrapolate=True)  # type: ignore[return-value]
+
+
+def _spline_of(curve: _Curve, reach: float) -> CubicSpline:
+    """Cubic spline of a profile, its top at 1 and its centre where it matches itself best."""
+    t = np.arange(-np.ceil(reach) - 1, np.ceil(reach) + 1 + _GRID / 2, _GRID)
+    clipped = np.clip(t, -reach, reach)
+    height = curve(clipped)
+    return CubicSpline(t, height / height.max())

@@ -1,0 +1,418 @@
+"""What a sample of a stack teaches before its fields are measured."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glint_aoa.errors import RecordingError
+from glint_aoa.geometry import PixelToPlane
+from glint_aoa.geometry.reflection import GlintReflection
+from glint_aoa.optical import centroid, gaussian, profile, steger
+from glint_aoa.optical.centroid import Centroid
+from glint_aoa.optical.detect import find_glint, find_lines, used_columns
+from glint_aoa.optical.estimator import ColumnCentres, Estimator, Sample
+from glint_aoa.optical.line import LineFit, fit_lines_robustly
+from glint_aoa.optical.noise import NoiseModel, sample_noise
+from glint_aoa.optical.shape import GlintShape
+from glint_aoa.records.fields import FieldStack
+from glint_aoa.records.recording import Recording
+from glint_aoa.setup import Setup
+
+__all__ = ["Measurement", "prepare"]
+
+_Array = NDArray[np.float64]
+
+_LEARN: Mapping[str, Callable[[Sample, GlintShape, NoiseModel], Estimator]] = {
+    "centroid": centroid.learn,
+    "profile": profile.learn,
+    "gaussian": gaussian.learn,
+    "steger": steger.learn,
+}
+
+_SAMPLE = 64  # fields that stand for a stack
+_LEAST_SAMPLE = 8  # fields below which a column's own offset cannot be told from its noise
+_LEAST_NOISE = 1e-4  # lines: what no estimate of a centre's noise goes below
+_PRIOR_WEIGHTS = (10.0, 1000.0)  # fields that the usual noise of a column counts against its own
+_LEAST_COLUMNS = 3
+_OUTLYING = 4.0  # standard deviations at which a centre does not count for its column's noise
+_ALIKE = 2.0  # times the noise that one profile may leave of all columns' pixels
+_TOGETHER = 8  # fields that are located and measured together, while they are in the cache
+_STRETCHES = 8  # of columns whose lasting departures count as independent
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """How the fields of one stack are measured; made by `prepare`.
+
+    Attributes
+    ----------
+    setup, recording
+        What is known of camera, glint and recording.
+    shape : GlintShape
+        What the sample showed of the glint.
+    columns : ndarray, shape (column,)
+        Columns measured, 0-based in the recorded window.
+    to_plane : PixelToPlane
+        From sensor pixels to the known plane.
+    estimator : Estimator
+        Measures the columns' centres.
+    noise : NoiseModel
+        The camera's noise.
+    column_std, column_offset : ndarray, shape (column,)
+        Noise of a column's centre, 1 sigma, and its usual departure from the line; both as
+        height on the plane [m, or pixels without a pixel pitch].
+    column_height : ndarray, shape (column,)
+        Usual height of the glint, on the estimator's scale [grey levels].
+    slope_doubt : float
+        What the columns' usual departures leave in doubt of every field's slope, 1 sigma [1].
+    sagitta, sagitta_std : float
+        How far the line's middle lies above its ends, usually [m, or pixels].
+    sample_size : int
+        Fields in the sample; the noise is unknown below 8.
+    reflection : GlintReflection or None
+        From the glint's line to the body's axis, where the setup describes body and lamp.
+    """
+
+    setup: Setup
+    recording: Recording
+    shape: GlintShape
+    columns: NDArray[np.int64]
+    to_plane: PixelToPlane
+    estimator: Estimator
+    noise: NoiseModel
+    column_std: _Array
+    column_offset: _Array
+    column_height: _Array
+    slope_doubt: float
+    sagitta: float
+    sagitta_std: float
+    sample_size: int
+    reflection: GlintReflection | None
+
+    @property
+    def is_calibrated(self) -> bool:
+        """Whether angles are in the tunnel frame rather than in the image plane."""
+        return self.to_plane.position is not None
+
+    @property
+    def knows_noise(self) -> bool:
+        """Whether the sample was large enough to tell noise from departure."""
+        return self.sample_size >= _LEAST_SAMPLE
+
+    @property
+    def line_height(self) -> float:
+        """Height of a field line on the plane, at the window's middle [m, or pixels]."""
+        middle = self.columns[self.columns.size // 2]
+        row = (self.shape.first_row + self.shape.last_row) / 2
+        v = self.recording.first_line + row + np.array([0.0, 1.0])
+        _, z = self.to_plane(np.full(2, self.recording.first_column + middle), v)
+        return float(abs(z[1] - z[0]))
+
+    def centres(self, fields: NDArray[np.integer]) -> ColumnCentres:
+        """Find the line in each field and measure the centre of each column."""
+        parts = []
+        for start in range(0, len(fields), _TOGETHER):
+            few = fields[start : start + _TOGETHER]
+            rows = find_lines(few, self.shape).rows(self.columns, self.shape)
+            parts.append(self.estimator.centres(few, self.columns, rows))
+        return ColumnCentres.joined(parts)
+
+    def on_plane(self, row: _Array, number: NDArray[np.int64]) -> tuple[_Array, _Array]:
+        """Map centres [field, column], in rows of the window, to the plane: distance and height."""
+        u = self.recording.first_column + self.columns.astype(np.float64)
+        s, z = self.to_plane(u, self.recording.line_of(row, number))
+        return s, z if self.reflection is None else z - self.reflection.departure
+
+    def dimming(self, height: _Array, used: NDArray[np.bool_]) -> _Array:
+        """Variance of a field's centres over that of the sample's, from its brightness [field].
+
+        Read noise grows with the inverse square of the height, shot noise with its inverse.
+        """
+        with np.errstate(invalid="ignore", divide="ignore"):
+            ratio = np.where(used, height / self.column_height, np.nan)
+        return _growth(_row_medians(ratio), self._read_share)
+
+    @property
+    def _read_share(self) -> float:
+        """Share of the read noise in the variance on the flanks of the usual glint."""
+        shot = self.noise.variance_per_grey * 0.5 * _median(self.column_height)
+        return self.noise.read_variance / (self.noise.read_variance + max(shot, 0.0))
+
+
+def prepare(stack: FieldStack, setup: Setup, recording: Recording) -> Measurement:
+    """Learn from a sample of the stack how its fields are to be measured.
+
+    The sample gives the glint's width, the camera's noise, the line's profile, each column's
+    noise, and each column's usual departure from the line (texture, paint, a bad pixel). Columns
+    that usually lie far off get no weight: held for the whole stack, this does not make the angle
+    jump as single columns come and go.
+
+    Parameters
+    ----------
+    stack : FieldStack
+        The fields.
+    setup : Setup
+        The setup.
+    recording : Recording
+        Timing and window, from `glint_aoa.records.recording.resolve_recording`.
+
+    Returns
+    -------
+    Measurement
+        To be given to `glint_aoa.optical.measure.measure_fields`.
+
+    Raises
+    ------
+    RecordingError
+        If there are fewer than three columns to measure.
+    SetupError
+        If a reflection is asked for that the camera cannot see.
+    """
+    number = np.unique(np.linspace(0, stack.n_fields - 1, min(_SAMPLE, stack.n_fields)).astype(int))
+    sample = np.concatenate([stack.read(int(k), int(k) + 1) for k in number])
+    plain = _plain(stack, setup, recording, sample)
+    rough, _, centres = _with_columns(plain, sample, number)
+    if not rough.shape.found:
+        return rough
+    known = Sample(sample, rough.columns, _expected_rows(rough, centres, number))
+    noise = sample_noise(known, rough.shape, setup.glint)
+    estimator = _learnt(known, rough.shape, noise, setup.glint.estimator)
+    learnt, fit, _ = _with_columns(replace(rough, estimator=estimator, noise=noise), sample, number)
+    return _with_reflection(_with_lasting_departures(learnt, fit), stack.n_lines)
+
+
+def _learnt(sample: Sample, shape: GlintShape, noise: NoiseModel, name: str) -> Estimator:
+    """Learn the estimator of the setup; left to us, the best that suits the sample."""
+    if name != "auto":
+        return _LEARN[name](sample, shape, noise)
+    matched = profile.learn(sample, shape, noise)
+    # Columns whose profiles differ are drawn to phases of the line by a profile that they share.
+    return matched if matched.profile.misfit <= _ALIKE else Centroid(shape)
+
+
+def _plain(
+    stack: FieldStack, setup: Setup, recording: Recording, sample: NDArray[np.integer]
+) -> Measurement:
+    """Measurement by centroids with equal columns."""
+    columns = used_columns(stack.n_columns, setup.glint.column_step)
+    if columns.size < _LEAST_COLUMNS:
+        raise RecordingError(
+            f"{stack.name}: {stack.n_columns} columns at a step of {setup.glint.column_step} leave "
+            f"{columns.size} to measure; a line needs three, so lower glint.column_step"
+        )
+    window = (
+        recording.first_column + (stack.n_columns - 1) / 2,
+        recording.first_line + (stack.n_lines - 1) / 2,
+    )
+    shape = find_glint(sample, setup.glint, white_level=stack.white_level)
+    return Measurement(
+        setup=setup,
+        recording=recording,
+        shape=shape,
+        columns=columns,
+        to_plane=PixelToPlane.of_camera(
+            setup.camera, y=setup.glint.y, yaw=setup.glint.yaw, window=window
+        ),
+        estimator=Centroid(shape),
+        noise=NoiseModel(shape.noise**2, 0.0, 0.0, shape.saturation, "background"),
+        column_std=np.ones(columns.size),
+        column_offset=np.zeros(columns.size),
+        column_height=np.ones(columns.size),
+        slope_doubt=0.0,
+        sagitta=0.0,
+        sagitta_std=np.inf,
+        sample_size=len(sample),
+        reflection=None,
+    )
+
+
+def _with_columns(
+    plain: Measurement, sample: NDArray[np.integer], number: NDArray[np.int64]
+) -> tuple[Measurement, LineFit, ColumnCentres]:
+    """Add each column's noise, usual departure and height; returns the sample's lines as well."""
+    centres = plain.centres(sample)
+    s, z = plain.on_plane(centres.row, number)
+    offset = plain.column_offset
+    least = _LEAST_NOISE * plain.line_height
+    scale = _robust_scale(_about_coarse_line(s, z, plain), least)
+    fit = fit_lines_robustly(s, z, np.full(plain.columns.size, scale), offset)
+    height = _column_heights(centres)
+    flat = replace(plain, column_std=np.full(plain.columns.size, scale), column_height=height)
+    if not np.isfinite(z).any() or not plain.knows_noise:
+        return flat, fit, centres
+    offset, noise, count = _column_statistics(fit.residual)
+    # A column's own noise is shrunk towards what its brightness lets expect.
+    expected = np.sqrt(_growth(height / _median(height), flat._read_share))
+    usual_noise = _median(noise / expected) * expected
+    prior = _prior_weight(noise / usual_noise, count)
+    variance = (count * noise**2 + prior * usual_noise**2) / (count + prior)
+    trust = _trust(offset, _median(noise)) * (count >= 0.5 * number.size)
+    with np.errstate(divide="ignore"):
+        std = np.sqrt(np.maximum(variance, least**2) / trust)
+    if np.isfinite(std).sum() < _LEAST_COLUMNS:
+        return flat, fit, centres
+    offset = np.where(count > 0, offset, 0.0)
+    full = replace(flat, column_std=std, column_offset=offset)
+    return full, fit_lines_robustly(s, z, std, offset), centres
+
+
+def _prior_weight(ratio: _Array, count: NDArray[np.int64]) -> float:
+    """Fields' worth of the usual noise: the more, the less the columns differ beyond chance."""
+    known = np.isfinite(ratio) & (count > 1)
+    if known.sum() < _LEAST_COLUMNS:
+        return _PRIOR_WEIGHTS[0]
+    chance = float(np.mean(2 / (count[known] - 1)))
+    beyond = max(float(np.var(ratio[known] ** 2)) - chance, 0.0)
+    return float(np.clip(2 / max(beyond, 1e-9), *_PRIOR_WEIGHTS))
+
+
+def _expected_rows(
+    measurement: Measurement, centres: ColumnCentres, number: NDArray[np.int64]
+) -> _Array:
+    """Where the line is in the sample: each field's line and the columns' usual departures."""
+    s, z = measurement.on_plane(centres.row, number)
+    fit = fit_lines_robustly(s, z, measurement.column_std, measurement.column_offset)
+    off = (fit.residual - measurement.column_offset) / measurement.line_height
+    off[~(fit.weight > 0)] = np.nan
+    rows: _Array = centres.row + off  # heights grow upwards, rows downwards
+    return rows
+
+
+def _with_lasting_departures(measurement: Measurement, fit: LineFit) -> Measurement:
+    """Add what the columns' usual departures tell of the line's bend and of the slope's doubt."""
+    weight = np.where(np.isfinite(measurement.column_std), measurement.column_std, np.inf) ** -2.0
+    if (weight > 0).sum() <= _LEAST_COLUMNS or not measurement.knows_noise:
+        return measurement
+    x = np.linspace(-1.0, 1.0, measurement.columns.size)
+    count = np.maximum(np.isfinite(fit.residual).sum(axis=0), 1)
+    departure = np.where(weight > 0, measurement.column_offset, 0.0)
+    basis = _orthogonal(np.stack([np.ones_like(x), x, x**2]), weight)
+    norms = (weight * basis**2).sum(axis=1)
+    bend = float((weight * basis[2] * departure).sum() / norms[2])
+    left = departure - bend * basis[2]
+    noise = _median_variance(weight, count)
+    return replace(
+        measurement,
+        slope_doubt=_doubt(weight * basis[1] / norms[1], left, noise) / (0.5 * _span(measurement)),
+        sagitta=-bend,
+        sagitta_std=_doubt(weight * basis[2] / norms[2], left, noise),
+    )
+
+
+def _doubt(pull: _Array, left: _Array, noise: _Array) -> float:
+    """Standard deviation of a figure of the line from lasting departures, their noise taken off.
+
+    Neighbouring columns depart together, so whole stretches of them count as one draw.
+    """
+    stretches = np.array([part.sum() for part in np.array_split(pull * left, _STRETCHES)])
+    return float(np.sqrt(max((stretches**2).sum() - (pull**2 * noise).sum(), 0.0)))
+
+
+def _median_variance(weight: _Array, count: NDArray[np.int64]) -> _Array:
+    """Variance of the median departure of each column over its fields."""
+    with np.errstate(divide="ignore"):
+        return np.where(weight > 0, np.pi / 2 / (weight * count), 0.0)
+
+
+def _orthogonal(rows: _Array, weight: _Array) -> _Array:
+    """Make functions of the columns orthogonal under the weights, one after the other."""
+    done: list[_Array] = []
+    for row in rows:
+        left = row.copy()
+        for earlier in done:
+            left -= (weight * earlier * row).sum() / (weight * earlier**2).sum() * earlier
+        done.append(left)
+    return np.stack(done)
+
+
+def _span(measurement: Measurement) -> float:
+    """Length of the measured line on the plane [m, or pixels]."""
+    u = measurement.recording.first_column + measurement.columns[[0, -1]].astype(np.float64)
+    row = (measurement.shape.first_row + measurement.shape.last_row) / 2
+    s, _ = measurement.to_plane(u, np.full(2, measurement.recording.first_line + row))
+    return float(abs(s[1] - s[0]))
+
+
+def _with_reflection(measurement: Measurement, n_lines: int) -> Measurement:
+    reflection = measurement.setup.glint.reflection
+    if reflection is None:
+        return measurement
+    recording = measurement.recording
+    model = GlintReflection.of_window(
+        reflection,
+        measurement.to_plane,
+        recording.first_column + measurement.columns.astype(np.float64),
+        (recording.first_line - 0.5, recording.first_line + n_lines),
+        weight=1 / measurement.column_std**2,
+    )
+    return replace(measurement, reflection=model)
+
+
+def _about_coarse_line(s: _Array, z: _Array, plain: Measurement) -> _Array:
+    wide = np.full(plain.columns.size, _robust_scale(z - _row_mean(z), plain.line_height))
+    return fit_lines_robustly(s, z, wide, plain.column_offset).residual
+
+
+def _row_mean(z: _Array) -> _Array:
+    there = np.isfinite(z)
+    mean: _Array = np.where(there, z, 0).sum(axis=1) / np.maximum(there.sum(axis=1), 1)
+    return mean[:, None]
+
+
+def _column_heights(centres: ColumnCentres) -> _Array:
+    """Usual height of each column; the usual column's where it was never measured."""
+    height = np.where(np.isfinite(centres.row), centres.height, np.nan)
+    each = _row_medians(height.T)
+    usual = _median(each)
+    heights: _Array = np.where(np.isfinite(each) & (each > 0), each, usual if usual > 0 else 1.0)
+    return heights
+
+
+def _row_medians(values: _Array) -> _Array:
+    """Median of each row without its NaN; NaN for an empty row."""
+    medians = np.full(len(values), np.nan)
+    there = np.isfinite(values).any(axis=1)
+    if there.any():
+        medians[there] = np.nanmedian(values[there], axis=1)
+    return medians
+
+
+def _growth(ratio: _Array, read_share: float) -> _Array:
+    """Variance of a centre against that at the usual height, for a height `ratio` times it."""
+    ratio = np.where(np.isfinite(ratio), np.clip(ratio, 0.05, 20.0), 1.0)
+    growth: _Array = read_share / ratio**2 + (1 - read_share) / ratio
+    return growth
+
+
+def _column_statistics(residual: _Array) -> tuple[_Array, _Array, NDArray[np.int64]]:
+    """Median, noise about it and number of fields, for each column."""
+    there = np.isfinite(residual)
+    count = there.sum(axis=0)
+    offset = _row_medians(residual.T)
+    departure = np.abs(residual - offset)
+    with np.errstate(invalid="ignore"):
+        kept = departure <= _OUTLYING * 1.4826 * _row_medians(departure.T)
+    freedom = np.maximum(kept.sum(axis=0) - 1, 1)
+    noise = np.sqrt(np.where(kept, departure**2, 0.0).sum(axis=0) / freedom)
+    noise *= np.sqrt(max(count.size, 3) / max(count.size - 2, 1))  # what the line took up
+    noise[count < 2] = np.nan
+    offset = np.where(np.isfinite(offset), offset, 0.0)
+    return offset, np.where(np.isfinite(noise), noise, _median(noise)), count
+
+
+def _trust(offset: _Array, noise: float) -> _Array:
+    """Bisquare weight of a column from how far it usually lies off the line."""
+    scale = _robust_scale(offset, noise)
+    weight: _Array = np.clip(1 - (offset / (6.0 * scale)) ** 2, 0.0, 1.0) ** 2
+    return weight
+
+
+def _robust_scale(values: _Array, least: float) -> float:
+    return max(1.4826 * _median(np.abs(values)), least, float(np.finfo(np.float32).tiny))
+
+
+def _median(values: _Array) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if known.size else 0.0

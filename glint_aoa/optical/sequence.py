@@ -1,0 +1,209 @@
+"""Checks over the fields of a stack in time: copies, gaps, parity, fading and jumps."""
+
+from dataclasses import dataclass, fields
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glint_aoa.flags import Flag
+from glint_aoa.optical._parity import Parity, find_parity
+from glint_aoa.optical._prediction import outlying
+from glint_aoa.records.recording import Recording
+
+__all__ = ["FieldLines", "check_sequence"]
+
+_Array = NDArray[np.float64]
+
+_LEAST_COLUMNS = 3
+_LEAST_DISTINCT = 3  # fields that differ, and
+_SHARE_DISTINCT = 1 / 8  # of all: below, a stack has no noise and copies mean nothing
+_FADED = 0.5  # of the brightest
+_GAP = 1.5  # field periods between two fields, from which one is missing
+_LEAST_FIELDS = 8  # below, nothing is said of motion
+
+
+@dataclass(frozen=True)
+class FieldLines:
+    """The line of each field in rows of the recorded window, small enough to keep for a stack.
+
+    Attributes
+    ----------
+    row : ndarray, shape (field,)
+        Row of the line at the middle of the measured columns [lines]; NaN where there is none.
+    reach : ndarray, shape (field,)
+        What the line climbs from there to the last measured column [lines].
+    std : ndarray, shape (field,)
+        Noise of `row`, 1 sigma [lines].
+    height : ndarray, shape (field,)
+        Mean height of the used columns over their background [grey levels].
+    fingerprint : ndarray of uint64, shape (field,)
+        The same for fields whose centres are the same to the bit, and for no others.
+    """
+
+    row: _Array
+    reach: _Array
+    std: _Array
+    height: _Array
+    fingerprint: NDArray[np.uint64]
+
+    @classmethod
+    def of_block(
+        cls,
+        centre_row: _Array,
+        height: _Array,
+        columns: NDArray[np.int64],
+        used: NDArray[np.bool_],
+    ) -> Self:
+        """Sum up a block of fields.
+
+        Parameters
+        ----------
+        centre_row, height : ndarray, shape (field, column)
+            Centres [rows of the window] and heights [grey levels] of the columns.
+        columns : ndarray, shape (column,)
+            Columns measured [pixels].
+        used : ndarray of bool, shape (field, column)
+            Whether the column entered the field's line.
+        """
+        used = used & np.isfinite(centre_row)
+        middle, half = (columns[0] + columns[-1]) / 2, max((columns[-1] - columns[0]) / 2, 0.5)
+        s = (columns - middle) / half
+        v, weight = np.where(used, centre_row, 0.0), used.astype(np.float64)
+        n = np.maximum(weight.sum(axis=1), 1)
+        mean, s_mean = v.sum(axis=1) / n, _row_sums(weight, s) / n
+        spread = _row_sums(weight, s**2) - n * s_mean**2
+        there = (n >= _LEAST_COLUMNS) & (spread > 0)
+        spread = np.where(there, spread, 1.0)
+        reach = (_row_sums(v, s) - n * s_mean * mean) / spread
+        squares = np.einsum("fc,fc->f", v, v) - n * mean**2 - spread * reach**2
+        variance = np.maximum(squares, 0.0) / np.maximum(n - 2, 1)
+        return cls(
+            row=np.where(there, mean - reach * s_mean, np.nan),
+            reach=np.where(there, reach, np.nan),
+            std=np.where(there, np.sqrt(variance * (1 / n + s_mean**2 / spread)), np.nan),
+            height=np.where(there, np.where(used, height, 0.0).sum(axis=1) / n, np.nan),
+            fingerprint=_fingerprint(centre_row),
+        )
+
+    @classmethod
+    def joined(cls, parts: list[Self]) -> Self:
+        """Join consecutive blocks."""
+        return cls(
+            **{f.name: np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(cls)}
+        )
+
+
+def check_sequence(
+    lines: FieldLines, recording: Recording, *, times_s: _Array | None = None
+) -> NDArray[np.int64]:
+    """Check what fields of one stack must have in common with their neighbours.
+
+    Parameters
+    ----------
+    lines : FieldLines
+        The line of each field, in order.
+    recording : Recording
+        Rate, and the parity that the fields are said to have.
+    times_s : ndarray, shape (field,), optional
+        Timestamps [s]. Where they show a gap, flagged `Flag.TIMING` elsewhere, motion is not
+        followed across it.
+
+    Returns
+    -------
+    ndarray of int64, shape (field,)
+        Mask of `Flag.REPEATED`, `DROPPED`, `PARITY_ORDER`, `FADING` and `MOVED`.
+
+    Notes
+    -----
+    Motion is judged by linear prediction from the fields on both sides, which follows steady
+    vibration at any frequency; where the motion is random its own unpredictable part sets the
+    scale. A field has moved if it lies 8 robust standard deviations of the prediction error and
+    1.5 lines off: for Gaussian motion less than one field in 10^12.
+
+    Parity in the wrong order shows as an alternation of one line, or of half a line where fields
+    are said to be interlaced and are not, or the other way round. It is told from vibration by
+    its size, its phase and its steadiness, and by leaving the slope alone, and must stand out of
+    the motion by six standard deviations. A dropped field shows where the order slips. Simulated
+    with 24 to 60 fields, vibration of any amplitude up to 3.5 lines at 3 to 29 Hz and noise of
+    0.01 to 0.05 line, none of 800 stacks in order was flagged, 97 % of those in the wrong order
+    were, and 93 % of the dropped fields were put at the right place. What cannot be told apart is
+    a vibration without pitch, within about half a cycle in the record of half the field rate,
+    whose amplitude happens to be that of the fault: half a line, or a quarter. Random motion of
+    more than some tenths of a line hides the fault.
+
+    Not seen without timestamps: an even number of interlaced fields missing, and any number of
+    progressive ones.
+    """
+    number = np.arange(lines.row.size, dtype=np.int64)
+    said = recording.parity_of(number)
+    gaps = _gaps(times_s, 1 / recording.rate_hz, number.size)
+    copies = _copies(lines)
+    flags = np.where(copies, int(Flag.REPEATED), 0)
+    flags |= np.where(_faded(lines.height), int(Flag.FADING), 0)
+    if np.isfinite(lines.row).sum() < _LEAST_FIELDS:
+        return flags
+    shown = np.where(copies, np.nan, lines.row)  # a copy shows where the line was before
+    noise = float(np.nanmedian(lines.std))
+    parity = find_parity(
+        shown, lines.reach, said, noise=noise, gaps=gaps, interlaced=recording.interlaced
+    )
+    flags |= np.where(parity.slipped, int(Flag.DROPPED), 0)
+    flags |= np.where(parity.wrong, int(Flag.PARITY_ORDER), 0)
+    flags |= np.where(_moved(shown, lines, parity, gaps), int(Flag.MOVED), 0)
+    return flags
+
+
+def _moved(
+    row: _Array, lines: FieldLines, parity: Parity, gaps: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    breaks = gaps | parity.slipped
+    moved = outlying(row + parity.offset, lines.std, breaks)
+    moved |= outlying(np.where(np.isfinite(row), lines.reach, np.nan), lines.std, breaks)
+    return moved
+
+
+def _row_sums(values: _Array, weight: _Array) -> _Array:
+    """Weighted sum of each row, the same to the bit in a block of any size."""
+    sums: _Array = np.einsum("fc,c->f", values, weight)
+    return sums
+
+
+def _fingerprint(centre_row: _Array) -> NDArray[np.uint64]:
+    bits = np.ascontiguousarray(centre_row).view(np.uint64)
+    weight = np.random.default_rng(bits.shape[1]).integers(2**63, size=bits.shape[1])
+    odd = 2 * weight.astype(np.uint64) + np.uint64(1)
+    fingerprint: NDArray[np.uint64] = np.einsum("fc,c->f", bits, odd)  # wraps round
+    return fingerprint
+
+
+def _copies(lines: FieldLines) -> NDArray[np.bool_]:
+    """Whether a field is the one before it, or two before it, over again."""
+    copies = np.zeros(lines.row.size, np.bool_)
+    there = np.isfinite(lines.row)
+    distinct = np.unique(lines.fingerprint[there]).size
+    if distinct <= max(_LEAST_DISTINCT, _SHARE_DISTINCT * there.sum()):
+        return copies
+    for back in (1, 2):
+        copies[back:] |= lines.fingerprint[back:] == lines.fingerprint[:-back]
+    return copies & there
+
+
+def _gaps(times_s: _Array | None, period: float, size: int) -> NDArray[np.bool_]:
+    """Whether timestamps say that fields are missing before this one."""
+    gaps = np.zeros(size, np.bool_)
+    if times_s is not None:
+        gaps[1:] = np.diff(times_s) > _GAP * period
+    return gaps
+
+
+def _faded(height: _Array) -> NDArray[np.bool_]:
+    """Whether the glint is less than half as bright as the brightest that lasted."""
+    known = np.flatnonzero(np.isfinite(height))
+    faded = np.zeros(height.size, np.bool_)
+    if known.size < 3:
+        return faded
+    triples = np.stack([height[known[:-2]], height[known[1:-1]], height[known[2:]]])
+    brightest = np.median(triples, axis=0).max()
+    faded[known] = height[known] < _FADED * brightest
+    return faded
