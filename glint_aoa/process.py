@@ -307,6 +307,11 @@ def _spread(values: _Array) -> float:
     return float(values.std(ddof=1)) if values.size > 1 else np.nan
 
 
+def _mark(measurement: Measurement) -> dict[str, float]:
+    mark = measurement.mark
+    return {} if mark is None else {"reference_row": mark.row, "reference_column": mark.column}
+
+
 def _provenance(
     stack: FieldStack, setup: Setup, measurement: Measurement, sweep: PitchSweep | None
 ) -> dict[str, Any]:
@@ -329,6 +334,7 @@ def _provenance(
         "line_sagitta_mm": measurement.sagitta * _MM,
         "line_sagitta_std_mm": measurement.sagitta_std * _MM,
         "column_departures_std_deg": np.degrees(measurement.slope_doubt),
+        **_mark(measurement),
         "rate_hz": measurement.recording.rate_hz,
         "exposure_s": measurement.recording.exposure_s,
         "calibration": "none" if sweep is None else str(setup.sweep_path),

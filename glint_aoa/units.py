@@ -3,7 +3,7 @@
 from functools import cache
 from typing import Any
 
-__all__ = ["STANDARD_GRAVITY", "convert", "parse_quantity"]
+__all__ = ["STANDARD_GRAVITY", "conversion", "convert", "parse_quantity"]
 
 STANDARD_GRAVITY = 9.80665
 """Standard acceleration of free fall [m/s^2] (CODATA, exact); pint calls it ``g_0``."""
@@ -63,9 +63,30 @@ def parse_quantity(text: str | float, unit: str) -> float:
         raise ValueError(f"{text!r} is not a quantity that can be read ({error})") from None
 
 
-@cache
 def convert(from_unit: str, to_unit: str) -> float:
     """Return the factor that turns a value in `from_unit` into one in `to_unit`.
+
+    Raises
+    ------
+    ValueError
+        If a unit is unknown, the two measure different things, or their zeros differ (degC, K).
+    """
+    factor, offset = conversion(from_unit, to_unit)
+    if offset:
+        raise ValueError(f"{from_unit!r} and {to_unit!r} differ in their zeros")
+    return factor
+
+
+@cache
+def conversion(from_unit: str, to_unit: str) -> tuple[float, float]:
+    """Return how to turn a value in `from_unit` into one in `to_unit`.
+
+    Returns
+    -------
+    factor : float
+        What to multiply the value by.
+    offset : float
+        What to add then [`to_unit`]; zero but for temperatures.
 
     Raises
     ------
@@ -76,8 +97,11 @@ def convert(from_unit: str, to_unit: str) -> float:
 
     ureg = _registry()
     try:
-        return float(ureg.Quantity(1.0, from_unit).to(to_unit).magnitude)
+        zero, one = (
+            float(ureg.Quantity(each, from_unit).to(to_unit).magnitude) for each in (0.0, 1.0)
+        )
     except pint.DimensionalityError:
         raise ValueError(f"{from_unit!r} cannot be turned into {to_unit!r}") from None
     except Exception:
         raise ValueError(f"{from_unit!r} is not a unit that is known here") from None
+    return one - zero, zero

@@ -4,7 +4,8 @@ import numpy as np
 from scipy.special import ndtr
 from synthetic import FULL_WELL, line_fields
 
-from glint_aoa.optical.detect import find_glint, used_columns
+from glint_aoa.optical.columns import used_columns
+from glint_aoa.optical.detect import find_glint
 from glint_aoa.optical.estimator import Sample
 from glint_aoa.optical.noise import NoiseModel
 from glint_aoa.setup import Glint

@@ -110,7 +110,8 @@ def test_hash_follows_the_content_and_not_the_place(written, tmp_path):
             "column_step = 20",
             "zzz = 20",
             "unknown key glint.zzz; known keys here: y, yaw, nose, column_step, search_window, "
-            "polarity, half_width, saturation, min_contrast, mean, reference, reflection",
+            "estimator, polarity, half_width, saturation, read_noise, electrons_per_grey, "
+            "min_contrast, mean, vibration, reference, reflection",
         ),
         ('"35 mm"', '"35 kg"', "camera.focal_length: '35 kg' is not a quantity in m"),
         (

@@ -6,7 +6,7 @@ from scipy.integrate import quad
 
 import torture.__main__ as command
 from glint_aoa.flags import Flag
-from glint_aoa.optical.detect import used_columns
+from glint_aoa.optical.columns import used_columns
 from torture.check import Outcome, add, judge, measure, run
 from torture.kinds import KINDS, draw
 from torture.profile import Profile

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glint_aoa.flags import REJECTING, Flag
-from glint_aoa.optical.detect import used_columns
+from glint_aoa.optical.columns import used_columns
 from glint_aoa.process import measure_point
 from glint_aoa.records.fields import FieldInfo, FieldStack
 from glint_aoa.setup import Setup

@@ -8,12 +8,18 @@ from glint_aoa.geometry.camera import (
     rotation_matrix,
     undistort,
 )
-from glint_aoa.geometry.collinearity import PixelToPlane, intersect_known_plane, project
+from glint_aoa.geometry.collinearity import (
+    ColumnsToPlane,
+    PixelToPlane,
+    intersect_known_plane,
+    project,
+)
 from glint_aoa.geometry.reflection import AxisLine, GlintPrediction, GlintReflection
 from glint_aoa.geometry.specular import Cylinder, glint_points
 
 __all__ = [
     "AxisLine",
+    "ColumnsToPlane",
     "Cylinder",
     "GlintPrediction",
     "GlintReflection",

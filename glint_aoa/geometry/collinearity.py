@@ -16,7 +16,9 @@ from glint_aoa.geometry.camera import (
 )
 from glint_aoa.setup import Camera
 
-__all__ = ["PixelToPlane", "intersect_known_plane", "project"]
+__all__ = ["ColumnsToPlane", "PixelToPlane", "intersect_known_plane", "project"]
+
+_DEGREE = 6
 
 
 def intersect_known_plane(
@@ -144,6 +146,24 @@ class PixelToPlane:
         )
         return intersect_known_plane(self.position, rays, y=self.y, yaw=self.yaw)
 
+    def of_columns(self, u: ArrayLike, v: tuple[float, float]) -> "ColumnsToPlane":
+        """Prepare the mapping of certain columns, for many rows.
+
+        Parameters
+        ----------
+        u : array_like, shape (column,)
+            Sensor columns [pixels].
+        v : tuple of float
+            Sensor lines between which it is to hold [pixels].
+        """
+        u = np.asarray(u, np.float64)
+        middle, half = (v[0] + v[1]) / 2, max((v[1] - v[0]) / 2, 1.0)
+        nodes = np.cos(np.pi * (np.arange(_DEGREE + 1) + 0.5) / (_DEGREE + 1))
+        mapped = self(u, np.broadcast_to((middle + half * nodes)[:, None], (nodes.size, u.size)))
+        to_powers = np.linalg.inv(np.vander(nodes, increasing=True))
+        s, z = (np.ascontiguousarray((to_powers @ values).T) for values in mapped)
+        return ColumnsToPlane(middle, half, s, z)
+
     def project(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Project points of the tunnel [m], shape (..., 3), to sensor pixels."""
         rotation = rotation_matrix(*self.rotation)
@@ -177,3 +197,32 @@ class PixelToPlane:
         return pixel_coordinates(
             x, z, principal_point=self.principal_point, pixel_pitch=self.pixel_pitch
         )
+
+
+@dataclass(frozen=True, eq=False)
+class ColumnsToPlane:
+    """Maps rows of certain columns to the known plane; made by `PixelToPlane.of_columns`.
+
+    For a column the mapping is a smooth function of the line: a polynomial of degree 6 through
+    Chebyshev's nodes gives it to rounding over a window, distortion included.
+
+    Attributes
+    ----------
+    middle, half : float
+        Middle and half height of the window [pixels].
+    s, z : ndarray, shape (column, 7)
+        Coefficients of distance and height in rising powers of (v - middle) / half.
+    """
+
+    middle: float
+    half: float
+    s: NDArray[np.float64]
+    z: NDArray[np.float64]
+
+    def __call__(self, v: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Map sensor lines `v` [field, column] to distance and height [m, or pixels]."""
+        from glint_aoa.geometry import _polynomial_kernel as kernel  # noqa: PLC0415  compiles
+
+        s, z = np.empty(v.shape), np.empty(v.shape)
+        kernel.evaluate(v, self.middle, self.half, self.s, self.z, s, z)
+        return s, z

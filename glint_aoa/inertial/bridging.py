@@ -20,13 +20,9 @@ _Floats = NDArray[np.float64]
 _Mask = NDArray[np.bool_]
 _Solve = Callable[[_Floats], _Floats]
 
-_ORDERS = (
-    16,
-    32,
-    32,
-    32,
-    32,
-)  # of the predictions learnt in turns: the first from what lies between gaps
+_ORDERS = (16, 32, 32, 32, 32)
+"""Of the predictions learnt in turns, the first one from what lies between the gaps."""
+
 _DRAWS = 8
 _MOST_MISSING = 0.3  # of the samples: with more, too little is left to learn from
 _LONGEST_S = 0.04  # about a period of the highest modes: longer stretches are guessed, not bridged
@@ -136,12 +132,13 @@ def _back(innovations: _Floats, prediction: _Floats) -> _Floats:
 def _solver(prediction: _Floats, unknown: NDArray[np.int64]) -> _Solve:
     """Factor the normal equations of the unknown samples; they couple over the filter's length."""
     gram = np.correlate(prediction, prediction, mode="full")[prediction.size - 1 :]
+    number = np.full(unknown[-1] + gram.size, -1)
+    number[unknown] = np.arange(unknown.size)
     banded = np.zeros((gram.size, unknown.size))
     for lag, weight in enumerate(gram):
-        at = np.searchsorted(unknown, unknown + lag)
-        pairs = np.flatnonzero(at < unknown.size)
-        pairs = pairs[unknown[at[pairs]] == unknown[pairs] + lag]
-        banded[at[pairs] - pairs, pairs] = weight
+        later = number[unknown + lag]
+        pairs = np.flatnonzero(later >= 0)
+        banded[later[pairs] - pairs, pairs] = weight
     factor = scipy.linalg.cholesky_banded(banded, lower=True)
     return lambda right: np.asarray(scipy.linalg.cho_solve_banded((factor, True), right))
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from glint_aoa.inertial.channels import PackageOutput
 from glint_aoa.inertial.modes import Mode
-from glint_aoa.records.acquisition import AcquisitionRecord
+from glint_aoa.records.acquisition import AcquisitionRecord, Channel
 from glint_aoa.setup import InertialFilter
 
 __all__ = ["MISALIGNMENT_STD", "BiasEstimate", "CorrectionTask"]
@@ -64,9 +64,10 @@ class BiasEstimate:
     std_terms : list of ndarray [sample]
         Independent error terms [m/s^2] before the low-pass; after it, the absolute value of each
         is 1 sigma. Where a term is infinite the method cannot know.
-    clipped : ndarray [sample]
-        Whether a channel used was at the end of its range and the method left it so; the
-        uncertainty is widened there.
+    channels : tuple of Channel
+        Channels used as they are, besides the package's. Rows around their clipped or bridged
+        samples are flagged, and clipped ones widen the uncertainty; a method that repairs its
+        channels names none and says so by `flags`.
     settling_s : float
         Time from either end of the record within which the estimate has not settled [s].
     why : str
@@ -80,7 +81,7 @@ class BiasEstimate:
 
     addition: _Floats
     std_terms: list[_Floats]
-    clipped: NDArray[np.bool_]
+    channels: tuple[Channel, ...]
     settling_s: float
     why: str
     settings: Mapping[str, object] = field(default_factory=dict)

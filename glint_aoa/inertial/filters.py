@@ -239,12 +239,12 @@ def band_settling_s(low_hz: float, high_hz: float) -> float:
 def filter_spectrum(
     samples: ArrayLike, rate_hz: float, responses: Sequence[_Response]
 ) -> list[_Floats]:
-    """Filter one signal by several frequency responses, sharing its spectrum.
+    """Filter signals by several frequency responses, sharing their spectra.
 
     Parameters
     ----------
-    samples : array_like [sample]
-        The signal, in any unit; its mean is removed.
+    samples : array_like [..., sample]
+        One signal or more, in any unit; means are removed.
     rate_hz : float
         Samples a second [Hz].
     responses : sequence of callables
@@ -252,8 +252,8 @@ def filter_spectrum(
 
     Returns
     -------
-    list of ndarray [sample]
-        The filtered signals.
+    list of ndarray [..., sample]
+        The filtered signals of each response.
 
     Notes
     -----
@@ -261,19 +261,20 @@ def filter_spectrum(
     do not meet.
     """
     signal = np.asarray(samples, np.float64)
-    signal = signal - signal.mean()
-    pad = min(signal.size - 1, round(_PAD_S * rate_hz))
-    size = scipy.fft.next_fast_len(signal.size + 2 * pad, real=True)
-    padded = np.zeros(size)
+    signal = signal - signal.mean(axis=-1, keepdims=True)
+    length = signal.shape[-1]
+    pad = min(length - 1, round(_PAD_S * rate_hz))
+    size = scipy.fft.next_fast_len(length + 2 * pad, real=True)
+    padded = np.zeros((*signal.shape[:-1], size))
     fade = np.sin(np.pi / 2 * (np.arange(pad) + 0.5) / max(pad, 1)) ** 2
-    padded[:pad] = signal[pad:0:-1] * fade
-    padded[pad : pad + signal.size] = signal
-    padded[pad + signal.size : 2 * pad + signal.size] = signal[-2 : -pad - 2 : -1] * fade[::-1]
+    padded[..., :pad] = signal[..., pad:0:-1] * fade
+    padded[..., pad : pad + length] = signal
+    padded[..., pad + length : 2 * pad + length] = signal[..., -2 : -pad - 2 : -1] * fade[::-1]
     spectrum = scipy.fft.rfft(padded)
     frequency = scipy.fft.rfftfreq(size, 1 / rate_hz)
-    inside = slice(pad, pad + signal.size)
+    inside = slice(pad, pad + length)
     return [
-        np.asarray(scipy.fft.irfft(spectrum * response(frequency), n=size)[inside])
+        np.asarray(scipy.fft.irfft(spectrum * response(frequency), n=size)[..., inside])
         for response in responses
     ]
 

@@ -155,10 +155,7 @@ def estimate_bias(task: CorrectionTask) -> BiasEstimate:
     """
     lines = harmonic_lines(task)
     sensors = _sensors(task)
-    clipped = np.asarray(task.package.channel.clipped)
-    for sensor in sensors.values():
-        clipped = clipped | sensor.channel.clipped
-    addition, terms = np.zeros(clipped.size), []
+    addition, terms = np.zeros(len(task.package.channel)), []
     for line in lines:
         if line.is_seen:
             addition += line.inverse_radius * line.square
@@ -170,7 +167,7 @@ def estimate_bias(task: CorrectionTask) -> BiasEstimate:
     return BiasEstimate(
         addition=addition,
         std_terms=terms,
-        clipped=clipped,
+        channels=tuple(sensor.channel for sensor in sensors.values()),
         settling_s=1.0,
         why=f"second harmonics in {task.package.channel.name}: {names or 'none stands out'}",
         settings={

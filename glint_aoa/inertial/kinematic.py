@@ -115,7 +115,7 @@ def estimate_bias(task: CorrectionTask) -> BiasEstimate:
     return BiasEstimate(
         addition=np.sum([motion.velocity * motion.rate for motion in motions.values()], axis=0),
         std_terms=[term for term in terms if np.any(term)],
-        clipped=np.asarray(task.package.channel.clipped),
+        channels=(),
         settling_s=_SETTLING_S,
         why="; ".join([_why(motions), *notes]),
         settings={
@@ -145,12 +145,13 @@ def _error_terms(task: CorrectionTask, motion: PlaneMotion) -> list[_Floats]:
 
 
 def _bridging_terms(motion: PlaneMotion) -> list[_Floats]:
-    terms = []
-    for repair in motion.repairs:
-        sensitivity = motion.sensitivity[repair.sensor]
-        terms.append(BRIDGE_STD * repair.restored * sensitivity)
-        terms += list(repair.draws * sensitivity / np.sqrt(len(repair.draws)))
-    return terms
+    """What was restored, for each sensor, and draws of what all of them may have been instead."""
+    sensitive = [(repair, motion.sensitivity[repair.sensor]) for repair in motion.repairs]
+    if not sensitive:
+        return []
+    draws = np.sum([repair.draws * sensitivity for repair, sensitivity in sensitive], axis=0)
+    restored = [BRIDGE_STD * repair.restored * sensitivity for repair, sensitivity in sensitive]
+    return [*restored, *(draws / np.sqrt(len(draws)))]
 
 
 @dataclass(frozen=True)

@@ -141,15 +141,13 @@ def estimate_bias(task: CorrectionTask) -> BiasEstimate:
     record, package, relative_std = task.record, task.package, task.relative_std
     sine = float(np.clip(np.mean(package.specific_force) / STANDARD_GRAVITY, -1.0, 1.0))
     found: list[_PlaneBias] = []
-    clipped = np.asarray(package.channel.clipped)
-    names = []
+    channels = []
     for plane in _PLANES:
         in_plane = tuple(mode for mode in task.modes if mode.plane == plane)
         sensor = tangential(record, plane, package) if in_plane else None
         if sensor is None:
             continue
-        names.append(sensor.channel.name)
-        clipped = clipped | sensor.channel.clipped
+        channels.append(sensor.channel)
         others = companions(record, plane, package, sensor)
         found.append(_plane_bias(package, sensor, others, in_plane, sine, relative_std))
     credited = sorted(number for plane in found for number in plane.credited)
@@ -162,9 +160,9 @@ def estimate_bias(task: CorrectionTask) -> BiasEstimate:
     return BiasEstimate(
         addition=np.sum([plane.addition for plane in found], axis=0),
         std_terms=[term for plane in found for term in plane.std_terms if np.any(term)],
-        clipped=clipped,
+        channels=tuple(channels),
         settling_s=_SETTLING_S,
-        why=f"modal correction from {' and '.join(names)}; {which}",
+        why=f"modal correction from {' and '.join(each.name for each in channels)}; {which}",
         settings={
             "relative_std": relative_std,
             "mode_frequencies_hz": {k: v for p in found for k, v in p.frequencies_hz.items()},

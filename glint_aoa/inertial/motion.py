@@ -155,9 +155,7 @@ def plane_motions(
     rate_hz, band = task.package.channel.rate_hz, _band(task)
     signals = {plane: _whole_signals(task, plane) for plane in planes}
     velocities = {
-        plane: np.array(
-            [filter_spectrum(samples, rate_hz, [_integral(band, 1)])[0] for samples in each.samples]
-        )
+        plane: filter_spectrum(each.samples, rate_hz, [_integral(band, 1)])[0]
         for plane, each in signals.items()
     }
     std = {plane: _own_std(task, each, velocities[plane], band) for plane, each in signals.items()}
@@ -308,9 +306,7 @@ def _repairs(
         Repair(
             sensor=index,
             restored=filter_spectrum(restored, rate_hz, [integral])[0],
-            draws=np.array(
-                [filter_spectrum(draw, rate_hz, [integral])[0] for draw in bridged.draws]
-            ),
+            draws=filter_spectrum(bridged.draws, rate_hz, [integral])[0],
         )
         for index, (restored, bridged) in signals.bridged.items()
     ]

@@ -104,20 +104,20 @@ def estimate_bias(task: CorrectionTask) -> BiasEstimate:
     method's limit. Where the setup lists them, their radii bound the error; where not, a turning
     of 1 deg does, and the result is flagged for all but small motion.
     """
-    clipped = np.asarray(task.package.channel.clipped)
-    addition, terms, parts = np.zeros(clipped.size), [], []
+    addition, terms = np.zeros(len(task.package.channel)), []
+    channels, parts = [], []
     for mode in _modes(task):
         sensor = tangential(task.record, mode.plane, task.package)
         if sensor is not None:
             own_addition, own_terms = _plane_bias(task, mode, sensor)
             addition += own_addition
             terms += own_terms
-            clipped = clipped | sensor.channel.clipped
+            channels.append(sensor.channel)
             parts.append(f"mode {mode.number} in {sensor.channel.name}")
     return BiasEstimate(
         addition=addition,
         std_terms=terms,
-        clipped=clipped,
+        channels=tuple(channels),
         settling_s=1.0,
         why=f"NLR's correction, one mode a plane: {' and '.join(parts)}",
         settings={

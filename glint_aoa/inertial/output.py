@@ -1,5 +1,6 @@
 """The package's output on its way through the low-pass: angle, uncertainty and flags of rows."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -8,6 +9,7 @@ import scipy.signal
 from numpy.typing import NDArray
 
 from glint_aoa.flags import Flag
+from glint_aoa.inertial.bridging import bridge
 from glint_aoa.inertial.channels import PackageOutput
 from glint_aoa.inertial.estimate import BiasEstimate
 from glint_aoa.inertial.filters import low_pass, noise_bandwidth_hz, settling_s
@@ -90,20 +92,23 @@ class FilteredOutput:
             variance += self.low_pass(np.where(finite, term, 0.0)) ** 2
             if not finite.all():
                 unknown |= np.abs(self.low_pass(np.where(finite, 0.0, 1.0))) > _REMEMBERED
-        if np.any(estimate.clipped):
-            clipped = np.clip(self.low_pass(estimate.clipped.astype(float)), 0.0, 0.9)
-            variance += (clipped / (1 - clipped) * self.low_pass(estimate.addition)) ** 2
-        return np.where(unknown, np.nan, np.sqrt(variance))
+        clipped = _any_of(channel.clipped for channel in estimate.channels)
+        if np.any(clipped):
+            share = np.clip(self.low_pass(clipped.astype(float)), 0.0, 0.9)
+            variance += (share / (1 - share) * self.low_pass(estimate.addition)) ** 2
+        variance += self._clipping
+        return np.where(unknown | ~np.isfinite(variance), np.nan, np.sqrt(variance))
 
     def flags(self, rows_s: _Floats, estimate: BiasEstimate) -> NDArray[np.int64]:
         """Return the bit masks of rows [row]: settling, clipping, gaps and the method's own."""
         settling = settling_s(self.filter)
+        channels = (self.package.channel, *estimate.channels)
         mask = np.zeros(rows_s.size, np.int64)
         at_end = estimate.settling_s if self.causal else settling
         mask[(rows_s < settling) | (rows_s > self.time_s[-1] - at_end)] |= Flag.FILTER_SETTLING
         marked = {
-            int(Flag.CLIPPED_CHANNEL): estimate.clipped,
-            int(Flag.GAP): self.package.channel.bridged,
+            int(Flag.CLIPPED_CHANNEL): _any_of(each.clipped for each in channels),
+            int(Flag.GAP): _any_of(each.bridged for each in channels),
         }
         mask |= self._remembered(rows_s, marked)
         if estimate.flags is not None:
@@ -127,6 +132,24 @@ class FilteredOutput:
                 mask[count[last] > count[first]] |= bit
         return mask
 
+    @cached_property
+    def _clipping(self) -> _Floats | float:
+        """Variance of what the output lost at the end of its range, after the low-pass [sample].
+
+        What bridging would put back counts as 1 sigma; infinite where the low-pass remembers
+        samples that cannot be bridged.
+        """
+        clipped = self.package.channel.clipped
+        if not clipped.any():
+            return 0.0
+        force = self.package.specific_force
+        bridged = None if self.package.is_filtered else bridge(force, clipped, self.rate_hz)
+        if bridged is None:
+            around = np.abs(self.low_pass(clipped.astype(float))) > _REMEMBERED
+            return np.where(around | clipped, np.inf, 0.0)
+        lost = self.low_pass(bridged.samples - force) ** 2
+        return lost + np.mean([self.low_pass(draw) ** 2 for draw in bridged.draws], axis=0)
+
     def _at(self, rows_s: _Floats, samples: _Floats) -> _Floats:
         return np.interp(rows_s, self.time_s, samples)
 
@@ -140,6 +163,10 @@ class FilteredOutput:
         low, high = (edge * self.filter.cutoff for edge in _NOISE_BAND)
         level = float(np.median(density[(bins >= low) & (bins <= high)]))
         return level * noise_bandwidth_hz(self.filter, causal=self.causal)
+
+
+def _any_of(masks: Iterable[_Mask]) -> _Mask:
+    return np.asarray(np.logical_or.reduce(list(masks)), bool)
 
 
 def _slope(specific_force: _Floats) -> _Floats:

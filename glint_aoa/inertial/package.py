@@ -4,21 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from glint_aoa.errors import RecordingError
 from glint_aoa.inertial.channels import PackageOutput, package_output
 from glint_aoa.inertial.sensor import SensorModel
-from glint_aoa.records.acquisition import AcquisitionRecord, Channel
+from glint_aoa.records.acquisition import AcquisitionRecord
 from glint_aoa.setup import Inertial
 
 __all__ = ["calibrated_output"]
-
-_KELVIN = {  # unit: factor and offset to kelvins
-    "K": (1.0, 0.0),
-    "kelvin": (1.0, 0.0),
-    "degC": (1.0, 273.15),
-    "degF": (5 / 9, 459.67 * 5 / 9),
-    "degR": (5 / 9, 0.0),
-}
 
 
 def calibrated_output(record: AcquisitionRecord, inertial: Inertial) -> PackageOutput:
@@ -47,17 +38,6 @@ def calibrated_output(record: AcquisitionRecord, inertial: Inertial) -> PackageO
         return package
     channels = record.with_quantity("temperature")[:1]
     depends = model.scale_per_kelvin != 0 or model.bias_per_kelvin != 0
-    temperature = _mean_kelvin(record, channels[0]) if channels and depends else None
+    temperature = float(np.nanmean(channels[0].values("K"))) if channels and depends else None
     force = model.specific_force(package.specific_force, temperature=temperature)
     return replace(package, specific_force=force)
-
-
-def _mean_kelvin(record: AcquisitionRecord, channel: Channel) -> float:
-    if channel.units not in _KELVIN:
-        raise RecordingError(
-            f"{record.name}: channel {channel.name} is in {channel.units or 'no unit'}, expected "
-            f"a temperature in {', '.join(_KELVIN)}; correct units in the record or the setup"
-        )
-    factor, offset = _KELVIN[channel.units]
-    mean = float(np.nanmean(np.asarray(channel.samples, np.float64) * channel.scale))
-    return factor * mean + offset

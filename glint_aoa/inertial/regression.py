@@ -91,9 +91,6 @@ def estimate_bias(task: CorrectionTask, *, source: SourceKind | None = None) -> 
     terms += [_excluded(found, each) for each in found.left_out]
     terms += _outside(found)
     terms.append(_on_all_samples(_misfit(found, task, noise), found, task))
-    clipped = np.asarray(task.package.channel.clipped)
-    for term in found.terms:
-        clipped = clipped | term.signal.channel.clipped
     flags = None
     if not found.is_correlated:
         marked = _on_all_samples(found.uncorrelated, found, task) > 0.5
@@ -101,7 +98,7 @@ def estimate_bias(task: CorrectionTask, *, source: SourceKind | None = None) -> 
     return BiasEstimate(
         addition=addition,
         std_terms=[term for term in terms if np.any(term)],
-        clipped=clipped,
+        channels=tuple(term.signal.channel for term in found.terms),
         settling_s=1.0,
         why=_why(found),
         settings=_settings(found),

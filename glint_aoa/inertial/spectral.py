@@ -144,15 +144,12 @@ def estimate_bias(task: CorrectionTask) -> BiasEstimate:
         sensor = tangential(task.record, plane, task.package) if modes else None
         if sensor is not None:
             found.append(_plane(task, modes, sensor))
-    clipped = np.asarray(task.package.channel.clipped)
-    for each in found:
-        clipped = clipped | each.sensor.channel.clipped
     mean = sum(each.mean for each in found)
     peaks = {number: peak for each in found for number, peak in each.peaks.items()}
     return BiasEstimate(
-        addition=np.full(clipped.size, mean),
+        addition=np.full(len(task.package.channel), mean),
         std_terms=[term for each in found for term in each.std_terms],
-        clipped=clipped,
+        channels=tuple(each.sensor.channel for each in found),
         settling_s=0.0,
         why=(
             "peaks of the spectra of "

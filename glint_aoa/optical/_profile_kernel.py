@@ -72,49 +72,94 @@ def _scored(value, model, variance, saturation):
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
+def _gather(field, column, sign, profile, noise, saturation, tilt, state, a, b):
+    """Fill the normal equations of height, level and row; returns whether a pixel is clipped."""
+    n_phases, side = profile.shape[1], (profile.shape[2] - 1) // 2
+    whole, phase = _phase(state[2], n_phases)
+    a[:] = 0.0
+    b[:] = 0.0
+    clips = False
+    for j in range(2 * side + 1):
+        row = whole + j - side
+        if row < 0 or row >= field.shape[0]:
+            continue
+        shape, slope = profile[0, phase, j], profile[1, phase, j]
+        model = state[1] + state[0] * shape + tilt * (row - state[2])
+        variance = noise[0] + noise[1] * max(sign * model - noise[2], 0.0)
+        value = sign * np.float64(field[row, column])
+        clips = clips or value >= saturation
+        score, weight = _scored(value, model, variance, saturation)
+        g = (shape, 1.0, -state[0] * slope)
+        taper = profile[2, phase, j]
+        for p in range(3):
+            b[p] += taper * g[p] * score
+            for q in range(3):
+                a[p, q] += taper * weight * g[p] * g[q]
+    return clips
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _likeliest(field, column, start, sign, profile, reach, noise, saturation, tilt, state, a, b):
     """Maximum likelihood of one column from the pixels that there are, clipped ones censored.
 
-    `state` holds height, level and row, and is improved in place; returns the row's variance,
-    NaN where nothing was found.
+    `state` holds height, level and row, and is improved in place; returns the row, NaN where
+    nothing was found, and whether a pixel is clipped.
     """
-    n_phases, rows = profile.shape[1], field.shape[0]
-    side = (profile.shape[2] - 1) // 2
-    variance_of_row = np.nan
-    for _ in range(_ROUNDS * 2):
-        whole, phase = _phase(state[2], n_phases)
-        a[:] = 0.0
-        b[:] = 0.0
-        for j in range(2 * side + 1):
-            row = whole + j - side
-            if row < 0 or row >= rows:
-                continue
-            t = row - state[2]
-            shape, slope = profile[0, phase, j], profile[1, phase, j]
-            model = state[1] + state[0] * shape + tilt * t
-            variance = noise[0] + noise[1] * max(sign * model - noise[2], 0.0)
-            score, weight = _scored(sign * field[row, column], model, variance, saturation)
-            g = (shape, 1.0, -state[0] * slope)
-            taper = profile[2, phase, j]
-            for p in range(3):
-                b[p] += taper * g[p] * score
-                for q in range(3):
-                    a[p, q] += taper * weight * g[p] * g[q]
-        kept = a[2, 2]
+    clips = False
+    for _ in range(2 * _ROUNDS):
+        clips = _gather(field, column, sign, profile, noise, saturation, tilt, state, a, b)
         for p in range(3):
             a[p, p] *= 1.0 + 1e-9
-        if not _solve(a, b) or not kept > 0.0:
-            return np.nan
-        variance_of_row = 1.0 / a[2, 2]  # what is left of it after the other two
+        if not _solve(a, b):
+            return np.nan, clips
         step = min(max(b[2], -0.5), 0.5)
         state[0] += b[0]
         state[1] += b[1]
         state[2] += step
         if not state[0] > 0.0 or not abs(state[2] - start) <= reach:
-            return np.nan
+            return np.nan, clips
         if abs(step) < _SETTLED:
             break
-    return variance_of_row
+    return state[2], clips
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _read(field, column, first, sign, pixel):
+    """Copy a column's rows from `first` on; returns the largest grey level."""
+    top = 0
+    for j in range(pixel.size):
+        value = field[first + j, column]
+        pixel[j] = sign * np.float32(value)
+        top = max(top, value)
+    return top
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _filtered(field, column, start, sign, tables, tilt, reach, ceiling, pixel):
+    """Row and height of one column by the filters of its phase.
+
+    Returns NaN and 0 where nothing is found, and whether the filters can be used at all: they
+    need all rows of the profile, and none at the top of the scale.
+    """
+    filters, bend, tilt_gain, spread = tables
+    n_phases, side = filters.shape[0], (pixel.size - 1) // 2
+    found, row = np.nan, start
+    for _ in range(_ROUNDS):
+        whole, phase = _phase(row, n_phases)
+        if whole - side < 0 or whole + side >= field.shape[0]:
+            return np.nan, 0.0, False
+        if _read(field, column, whole - side, sign, pixel) >= ceiling:
+            return np.nan, 0.0, False
+        height, shift = _match(pixel, filters, bend, tilt_gain, tilt, phase)
+        if not height > 0.0:
+            return np.nan, 0.0, True
+        found = whole + (phase - n_phases // 2) / n_phases + shift
+        if abs(shift) <= max(_NEAR, _SURE * spread[phase] / height):
+            return found, height, True
+        if not abs(found - start) <= reach:
+            return np.nan, height, True
+        row = found
+    return found, height, True
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -124,10 +169,7 @@ def match_columns(
     start,
     sign,
     profile,
-    filters,
-    bend,
-    tilt_gain,
-    spread,
+    tables,
     tilt,
     usual,
     noise,
@@ -143,59 +185,30 @@ def match_columns(
     """Fill `row`, `height`, `status` and `clipped` [field, column].
 
     Parameters beyond the obvious: `profile` [3, phase, line] the profile, its slope, and the
-    weight's taper; `filters` [phase, 2, line] give height and height times shift; `bend` and
-    `tilt_gain` [phase] the shift's second order and its answer to a tilted background; `spread`
-    [phase] the shift's standard deviation times the height; `tilt` and `usual` [column] the
-    background's tilt and level; `core` half of what must lie within the window [lines].
+    weights' taper; `tables` the filters [phase, 2, line] that give height and height times shift,
+    the shift's second order and its answer to a tilted background [phase], and its standard
+    deviation times the height [phase]; `tilt` [column] and `usual` [2, column] the background's
+    tilt, and height and level; `core` half of what must lie within the window [lines].
     """
-    n_phases, size = profile.shape[1], profile.shape[2]
-    side = (size - 1) // 2
     rows = fields.shape[1]
-    pixel = np.empty(size, np.float32)
+    pixel = np.empty(profile.shape[2], np.float32)
     state, a, b = np.empty(3), np.empty((3, 3)), np.empty(3)
+    ceiling = saturation if sign > 0 else np.inf  # the glint of a dark line is far from the top
     for k in range(fields.shape[0]):
         for i in range(columns.size):
             begun = start[k, i]
-            row[k, i] = np.nan
-            height[k, i] = 0.0
-            clipped[k, i] = False
-            status[k, i] = DIM
+            row[k, i], height[k, i], status[k, i], clipped[k, i] = np.nan, 0.0, DIM, False
             if np.isnan(begun):
                 continue
             if begun - core < -0.5 or begun + core > rows - 0.5:
                 status[k, i] = CUT
                 continue
-            whole, phase = _phase(begun, n_phases)
-            whole_window = whole - side >= 0 and whole + side < rows
-            top = 0.0
-            if whole_window:
-                for j in range(size):
-                    value = fields[k, whole - side + j, columns[i]]
-                    pixel[j] = sign * value
-                    top = max(top, value)
-            found, high = np.nan, 0.0
-            if whole_window and top < saturation:
-                for _ in range(_ROUNDS):
-                    high, shift = _match(pixel, filters, bend, tilt_gain, tilt[i], phase)
-                    if not high > 0.0 or not abs(shift) <= side:
-                        break
-                    now = whole + (phase - n_phases // 2) / n_phases
-                    found = now + shift
-                    if abs(shift) <= max(_NEAR, _SURE * spread[phase] / high):
-                        break
-                    if abs(found - begun) > reach:
-                        break
-                    whole, phase = _phase(found, n_phases)
-                    if whole - side < 0 or whole + side >= rows:
-                        whole_window = False
-                        break
-                    for j in range(size):
-                        pixel[j] = sign * fields[k, whole - side + j, columns[i]]
-            if not whole_window or top >= saturation:
-                state[0] = usual[0, i]
-                state[1] = usual[1, i]
-                state[2] = begun
-                variance = _likeliest(
+            found, high, done = _filtered(
+                fields[k], columns[i], begun, sign, tables, tilt[i], reach, ceiling, pixel
+            )
+            if not done:
+                state[0], state[1], state[2] = usual[0, i], usual[1, i], begun
+                found, clipped[k, i] = _likeliest(
                     fields[k],
                     columns[i],
                     begun,
@@ -203,19 +216,17 @@ def match_columns(
                     profile,
                     reach,
                     noise,
-                    saturation if sign > 0 else np.inf,
+                    ceiling,
                     tilt[i],
                     state,
                     a,
                     b,
                 )
-                high, found = state[0], state[2] if variance > 0.0 else np.nan
-                clipped[k, i] = top >= saturation
+                high = state[0]
             height[k, i] = high
             if np.isnan(found):
                 continue
             if found - core < -0.5 or found + core > rows - 0.5:
                 status[k, i] = CUT
             elif high >= 0.5 * threshold and abs(found - begun) <= reach:
-                status[k, i] = USED
-                row[k, i] = found
+                status[k, i], row[k, i] = USED, found

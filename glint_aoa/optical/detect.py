@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glint_aoa.optical.centroid import Centroid
+from glint_aoa.optical.columns import spread_columns
 from glint_aoa.optical.shape import GlintShape
 from glint_aoa.setup import Glint
 
-__all__ = ["CoarseLines", "find_glint", "find_lines", "used_columns"]
+__all__ = ["CoarseLines", "find_glint", "find_lines"]
 
 _Array = NDArray[np.float64]
 
@@ -21,7 +22,9 @@ _LEAST_HALF_WIDTH = 2.5
 _FLANK_SHARE = 0.6  # of the half width, on each side, is background
 _LEAST_FLANK = 2.0
 _CLEAREST = 0.9  # of the sample's fields are less clear than what the others are held against
+_SHAPE_COLUMNS = 64
 _SHAPE_SAMPLE = 7  # fields that show the glint's width
+_COME_DOWN, _CEASED = 0.4, 0.02  # of a profile's height: fallen at least, and no more in two lines
 _LEAST_ROOM = 6  # of the rows to look in hold half a box
 _BAND_MARGIN = 6  # lines on either side of where the sample's lines and their flanks lie
 _LEAST_PATCHES = 8
@@ -55,12 +58,6 @@ class CoarseLines:
         outside = (rows < shape.first_row - 0.5) | (rows > shape.last_row - 0.5)
         rows[outside] = _FAR_OUT
         return rows
-
-
-def used_columns(n_columns: int, step: int) -> NDArray[np.int64]:
-    """Columns at which centres are measured: every `step`, from the middle of the first step."""
-    first = min(step // 2, (n_columns - 1) // 2)
-    return np.arange(first, n_columns, step, dtype=np.int64)
 
 
 def find_lines(fields: NDArray[np.integer], shape: GlintShape) -> CoarseLines:
@@ -145,7 +142,7 @@ def find_glint(
     """
     whole = sample
     shape, sample = _best_scale(whole, glint, white_level or np.iinfo(sample.dtype).max)
-    columns = used_columns(sample.shape[2], max(1, sample.shape[2] // 64))
+    columns = spread_columns(sample.shape[2], _SHAPE_COLUMNS)
     rows = find_lines(sample, shape).rows(columns, shape)
     for _ in range(2):  # the second round averages profiles that are better aligned
         profile = _mean_profile(sample, columns, rows, shape, (0, sample.shape[1]))
@@ -255,7 +252,15 @@ def _mean_profile(
     ]
     count = inside.sum(axis=0)
     total = np.where(inside, shape.sign * grey.astype(np.float64), 0.0).sum(axis=0)
-    return np.where(count > 0.5 * field.size, total / np.maximum(count, 1), np.nan)
+    return _level(np.where(count > 0.5 * field.size, total / np.maximum(count, 1), np.nan))
+
+
+def _level(profile: _Array) -> _Array:
+    """Take the tilt of the background off, as the middle one of the steps from line to line."""
+    steps = np.diff(profile)
+    known = steps[np.isfinite(steps)]
+    tilt = float(np.median(known)) if known.size else 0.0
+    return profile - tilt * (np.arange(profile.size) - profile.size // 2)
 
 
 def _with_widths(shape: GlintShape, profile: _Array, glint: Glint) -> GlintShape:
@@ -324,15 +329,16 @@ def _side_widths(side: _Array) -> tuple[float, float]:
 
 
 def _first_valley(side: _Array) -> int:
-    """Index of the first minimum beyond which the profile climbs by a tenth of its height."""
-    lowest = 0
+    """Index where a profile has come down: where it ceases to fall, or climbs again.
+
+    Background that goes on falling slowly, or that a second line ends, is not the glint's.
+    """
     height = np.ptp(side)
-    for i, value in enumerate(side):
-        if value < side[lowest]:
-            lowest = i
-        elif value > side[lowest] + 0.1 * height and side[lowest] < side.max() - 0.5 * height:
-            break
-    return lowest
+    for i in range(1, side.size - 2):
+        down = side[i] < side.max() - _COME_DOWN * height
+        if down and side[i] - min(side[i + 1], side[i + 2]) < _CEASED * height:
+            return i
+    return int(np.argmin(side))
 
 
 def _crossing(falling: _Array, level: float) -> float:

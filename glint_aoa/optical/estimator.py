@@ -7,6 +7,8 @@ from typing import Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from glint_aoa.optical.columns import spread_columns
+
 __all__ = ["ColumnCentres", "Estimator", "Sample"]
 
 
@@ -60,11 +62,9 @@ class Sample:
     columns: NDArray[np.int64]
     row: NDArray[np.float64]
 
-
     def thinned(self, most: int) -> Self:
         """Keep at most so many columns, evenly spread and the same from either end."""
-        n = self.columns.size
-        kept = np.unique(np.round(np.linspace(0, n - 1, min(most, n))).astype(np.int64))
+        kept = spread_columns(self.columns.size, most)
         return type(self)(self.fields, self.columns[kept], self.row[:, kept])
 
 

@@ -99,8 +99,7 @@ def fit_lines_robustly(s: _Array, z: _Array, std: _Array, usual: _Array) -> Line
     LineFit
         The lines.
     """
-    fit = fit_lines(s, z, 1 / std**2)
-    outlying = (np.abs(fit.residual - usual) / std > _OUTLIER).sum(axis=1)
+    fit, outlying = _plain_fit(s, z, std, usual)
     spoilt = outlying > _FEW * s.shape[1]
     for rows in (np.flatnonzero((outlying > 0) & ~spoilt), np.flatnonzero(spoilt)):
         if rows.size == 0:
@@ -112,6 +111,19 @@ def fit_lines_robustly(s: _Array, z: _Array, std: _Array, usual: _Array) -> Line
         for each in fields(LineFit):
             getattr(fit, each.name)[rows] = getattr(again, each.name)
     return fit
+
+
+def _plain_fit(s: _Array, z: _Array, std: _Array, usual: _Array) -> tuple[LineFit, _Array]:
+    """Weighted lines in one compiled pass, and how many columns of each lie off it."""
+    from glint_aoa.optical import _line_kernel as kernel  # noqa: PLC0415  compiles
+
+    n = len(z)
+    figures, outlying = np.empty((5, n)), np.empty(n)
+    weight, residual = np.empty(z.shape), np.empty(z.shape)
+    kernel.fit_lines(s, z, 1 / std**2, usual, _OUTLIER, figures, weight, residual, outlying)
+    slope, intercept, slope_var, intercept_var, covariance = figures
+    fit = LineFit(slope, intercept, slope_var, intercept_var, covariance, weight, residual)
+    return fit, outlying
 
 
 def _bisquare(s: _Array, z: _Array, std: _Array, usual: _Array, residual: _Array) -> LineFit:

@@ -26,6 +26,7 @@ _BIN = 1 / 16  # lines
 _KNOTS = 0.5  # lines: the correction follows nothing finer, nor does a pixel's integral
 _PHASE_BINS, _LEAST_SHARE = 8, 0.25
 _OUTLYING = 6.0  # standard deviations at which a pixel does not count
+_CLEAR_OF_TOP = 4.0  # standard deviations that a pixel's light must lie below the top of the scale
 _GRID = 1 / 32  # lines between the points of the finished profile
 _ROOT_2_PI = float(np.sqrt(2 * np.pi))
 
@@ -142,7 +143,9 @@ def learn_profile(
         fit = _best_fit(bins, start) if fit is None else _fitted(bins, fit)[0]
         profile = _finished(bins, fit, reach, covered=covered)
     profile = replace(profile, misfit=_misfit(cloud, profile, noise))
-    return profile, _light(_cloud(sample, shape, reach), profile, noise)
+    whole = _cloud(sample, shape, reach)
+    whole = _without_outliers(whole, profile, _light(whole, profile, noise), noise)
+    return profile, _light(whole, profile, noise)
 
 
 def _misfit(cloud: _Cloud, profile: LineProfile, noise: NoiseModel) -> float:
@@ -186,7 +189,8 @@ def _light(cloud: _Cloud, profile: LineProfile, noise: NoiseModel) -> ColumnLigh
 
 
 def _sum_by_column(cloud: _Cloud, values: _Array) -> _Array:
-    return np.bincount(cloud.column, values, minlength=cloud.n_columns)
+    sums: _Array = np.bincount(cloud.column, values, minlength=cloud.n_columns).astype(np.float64)
+    return sums
 
 
 def _without_outliers(
@@ -195,8 +199,12 @@ def _without_outliers(
     model = _modelled(cloud, profile, light)
     scale = np.sqrt(noise.variance(np.abs(model)))
     departure = np.abs(cloud.grey - model) / scale
+    known = departure[np.isfinite(departure)]
+    usual = float(np.median(known)) / 0.6745 if known.size else 1.0
     with np.errstate(invalid="ignore"):
-        kept = departure <= _OUTLYING * max(1.0, float(np.nanmedian(departure)) / 0.6745)
+        kept = departure <= _OUTLYING * max(1.0, usual)
+        # Near the top of the scale only the darker readings are left, which would bend the profile.
+        kept &= np.abs(model) < noise.saturation - _CLEAR_OF_TOP * scale
     return _Cloud(cloud.t[kept], cloud.grey[kept], cloud.column[kept], cloud.n_columns)
 
 
@@ -235,7 +243,7 @@ def _binned(cloud: _Cloud, light: ColumnLight, noise: NoiseModel) -> _Bins:
     t, value, weight = cloud.t[usable], value[usable], weight[usable]
     index = np.round(t / _BIN).astype(np.int64)
     index -= index.min(initial=0)
-    total = np.bincount(index, weight)
+    total = np.bincount(index, weight).astype(np.float64)
     there = total > 0
     return _Bins(
         np.bincount(index, weight * t)[there] / total[there],
@@ -348,7 +356,9 @@ def _height_and_level(bins: _Bins, shape: _Array) -> tuple[float, float]:
     shape_mean = (bins.weight @ shape) / total
     value_mean = (bins.weight @ bins.value) / total
     departure = shape - shape_mean
-    height = (bins.weight * departure) @ bins.value / ((bins.weight * departure) @ departure + 1e-30)
+    height = (
+        (bins.weight * departure) @ bins.value / ((bins.weight * departure) @ departure + 1e-30)
+    )
     return float(height), float(value_mean - height * shape_mean)
 
 
@@ -358,6 +368,7 @@ def _correction(bins: _Bins, curve: _Curve, reach: float) -> _Curve:
     height, level = _height_and_level(bins, shape)
     left = (bins.value - level) / height - shape
     inner = np.arange(-np.floor(reach) + 0.5, np.floor(reach), _KNOTS)
+    inner = inner[(inner > bins.t[0]) & (inner < bins.t[-1])]
     knots = np.concatenate([np.full(4, bins.t[0]), inner, np.full(4, bins.t[-1])])
     basis = BSpline.design_matrix(bins.t, knots, 3).toarray()
     weighted = basis * root[:, None] * height
@@ -368,7 +379,7 @@ def _correction(bins: _Bins, curve: _Curve, reach: float) -> _Curve:
         np.concatenate([left * root * height, np.zeros(len(ridge))]),
         rcond=None,
     )[0]
-    return BSpline(knots, coefficients, 3, extrapolate=True)  # type: ignore[return-value]
+    return BSpline(knots, coefficients, 3, extrapolate=True)
 
 
 def _spline_of(curve: _Curve, reach: float) -> CubicSpline:

@@ -14,6 +14,7 @@ from glint_aoa.flags import Flag
 from glint_aoa.optical.estimator import ColumnCentres
 from glint_aoa.optical.line import LineFit, fit_lines_robustly
 from glint_aoa.optical.prepare import Measurement, prepare
+from glint_aoa.optical.reference import has_moved, mark_shift
 from glint_aoa.optical.sequence import FieldLines, check_sequence
 from glint_aoa.optical.shape import GlintShape
 from glint_aoa.records.fields import FieldStack
@@ -173,7 +174,8 @@ def _measured(
         intercept_std=intercept_std,
         columns_used=count,
         rms_residual=np.where(enough, rms, np.nan),
-        flags=_flags(centres, used, variance, measurement, angle_std),
+        flags=_flags(centres, used, variance, measurement, angle_std)
+        | _mark_flags(block, number, measurement),
     )
     lines = FieldLines.of_block(centres.row, centres.height, measurement.columns, used)
     return angles, lines
@@ -271,6 +273,16 @@ def _flags(
     for flag, where in conditions.items():
         flags |= np.where(where, int(flag), 0)
     return flags
+
+
+def _mark_flags(
+    block: NDArray[np.integer], number: NDArray[np.int64], measurement: Measurement
+) -> NDArray[np.int64]:
+    mark = measurement.mark
+    if mark is None:
+        return np.zeros(len(block), np.int64)
+    shift = mark_shift(block, measurement.recording.parity_of(number), mark)
+    return np.where(has_moved(shift, mark), int(Flag.CAMERA_MOVED), 0)
 
 
 def _dim(height: _Array, shape: GlintShape) -> NDArray[np.bool_]:

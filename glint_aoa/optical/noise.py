@@ -86,13 +86,13 @@ def photon_transfer(
     The photon-transfer method (Janesick, Photon Transfer, SPIE PM170, 2007), with the spread in a
     bin taken from the median absolute difference, since a moving edge or a flicker spoils a few.
     """
-    grey, difference = np.asarray(grey, np.float64), np.asarray(difference, np.float64)
-    usable = np.isfinite(grey) & np.isfinite(difference) & (grey < 0.9 * saturation)
-    grey, difference = grey[usable], difference[usable]
-    if grey.size < _LEAST_IN_BIN:
-        variance = float(np.var(difference) / 2) if grey.size > 1 else ROUNDING
-        return NoiseModel(max(variance, ROUNDING), 0.0, black, saturation, "stack, no gain seen")
-    level, variance, count = _binned(grey, difference)
+    expected, apart = np.asarray(grey, np.float64), np.asarray(difference, np.float64)
+    usable = np.isfinite(expected) & np.isfinite(apart) & (expected < 0.9 * saturation)
+    expected, apart = expected[usable], apart[usable]
+    if expected.size < _LEAST_IN_BIN:
+        alone = float(np.var(apart) / 2) if apart.size > 1 else ROUNDING
+        return NoiseModel(max(alone, ROUNDING), 0.0, black, saturation, "stack, no gain seen")
+    level, variance, count = _binned(expected, apart)
     read, per_grey = _variance_line(level - black, variance, count)
     source = "stack" if per_grey > 0 else "stack, no gain seen"
     return NoiseModel(max(read, ROUNDING), per_grey, black, saturation, source)
@@ -124,8 +124,12 @@ def sample_noise(sample: Sample, shape: GlintShape, glint: Glint) -> NoiseModel:
     if glint.read_noise is not None and glint.electrons_per_grey is not None:
         read = glint.read_noise**2 + ROUNDING
         return NoiseModel(read, 1 / glint.electrons_per_grey, black, shape.saturation, "setup")
-    grey, difference = _neighbours(sample, int(np.ceil(shape.half_width + shape.flank)))
-    model = photon_transfer(grey, difference, saturation=shape.saturation, black=black)
+    reach = min(int(np.ceil(shape.half_width)), sample.fields.shape[1] // 4)
+    grey, difference = _neighbours(sample, reach)
+    if grey.size < _LEAST_IN_BIN:
+        model = NoiseModel(shape.noise**2, 0.0, black, shape.saturation, "background")
+    else:
+        model = photon_transfer(grey, difference, saturation=shape.saturation, black=black)
     if glint.read_noise is not None:
         model = replace(model, read_variance=glint.read_noise**2 + ROUNDING)
     if glint.electrons_per_grey is not None:
@@ -169,7 +173,9 @@ def _binned(grey: _Array, difference: _Array) -> tuple[_Array, _Array, _Array]:
     """Mean level, variance of one reading and number of pixels in bins of the level."""
     edges = np.linspace(grey.min(), grey.max() + 1e-9, _BINS + 1)
     index = np.clip(np.searchsorted(edges, grey, side="right") - 1, 0, _BINS - 1)
-    level, variance, count = [], [], []
+    level: list[float] = []
+    variance: list[float] = []
+    count: list[int] = []
     for k in range(_BINS):
         inside = index == k
         if inside.sum() < _LEAST_IN_BIN:

@@ -7,14 +7,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glint_aoa.errors import RecordingError
-from glint_aoa.geometry import PixelToPlane
+from glint_aoa.geometry import ColumnsToPlane, PixelToPlane
 from glint_aoa.geometry.reflection import GlintReflection
 from glint_aoa.optical import centroid, gaussian, profile, steger
 from glint_aoa.optical.centroid import Centroid
-from glint_aoa.optical.detect import find_glint, find_lines, used_columns
+from glint_aoa.optical.columns import used_columns
+from glint_aoa.optical.detect import find_glint, find_lines
 from glint_aoa.optical.estimator import ColumnCentres, Estimator, Sample
 from glint_aoa.optical.line import LineFit, fit_lines_robustly
 from glint_aoa.optical.noise import NoiseModel, sample_noise
+from glint_aoa.optical.reference import FIRST_FIELDS, Mark, learn_mark
 from glint_aoa.optical.shape import GlintShape
 from glint_aoa.records.fields import FieldStack
 from glint_aoa.records.recording import Recording
@@ -38,7 +40,7 @@ _PRIOR_WEIGHTS = (10.0, 1000.0)  # fields that the usual noise of a column count
 _LEAST_COLUMNS = 3
 _OUTLYING = 4.0  # standard deviations at which a centre does not count for its column's noise
 _ALIKE = 2.0  # times the noise that one profile may leave of all columns' pixels
-_TOGETHER = 8  # fields that are located and measured together, while they are in the cache
+_TOGETHER = 64  # fields that are located and measured together, while they are in the cache
 _STRETCHES = 8  # of columns whose lasting departures count as independent
 
 
@@ -56,6 +58,8 @@ class Measurement:
         Columns measured, 0-based in the recorded window.
     to_plane : PixelToPlane
         From sensor pixels to the known plane.
+    columns_to_plane : ColumnsToPlane
+        The same for the rows of the columns measured.
     estimator : Estimator
         Measures the columns' centres.
     noise : NoiseModel
@@ -71,6 +75,8 @@ class Measurement:
         How far the line's middle lies above its ends, usually [m, or pixels].
     sample_size : int
         Fields in the sample; the noise is unknown below 8.
+    mark : Mark or None
+        The reference mark, where the setup names one.
     reflection : GlintReflection or None
         From the glint's line to the body's axis, where the setup describes body and lamp.
     """
@@ -80,6 +86,7 @@ class Measurement:
     shape: GlintShape
     columns: NDArray[np.int64]
     to_plane: PixelToPlane
+    columns_to_plane: ColumnsToPlane
     estimator: Estimator
     noise: NoiseModel
     column_std: _Array
@@ -89,6 +96,7 @@ class Measurement:
     sagitta: float
     sagitta_std: float
     sample_size: int
+    mark: Mark | None
     reflection: GlintReflection | None
 
     @property
@@ -121,8 +129,7 @@ class Measurement:
 
     def on_plane(self, row: _Array, number: NDArray[np.int64]) -> tuple[_Array, _Array]:
         """Map centres [field, column], in rows of the window, to the plane: distance and height."""
-        u = self.recording.first_column + self.columns.astype(np.float64)
-        s, z = self.to_plane(u, self.recording.line_of(row, number))
+        s, z = self.columns_to_plane(self.recording.line_of(row, number))
         return s, z if self.reflection is None else z - self.reflection.departure
 
     def dimming(self, height: _Array, used: NDArray[np.bool_]) -> _Array:
@@ -130,9 +137,10 @@ class Measurement:
 
         Read noise grows with the inverse square of the height, shot noise with its inverse.
         """
+        usual = used @ self.column_height
         with np.errstate(invalid="ignore", divide="ignore"):
-            ratio = np.where(used, height / self.column_height, np.nan)
-        return _growth(_row_medians(ratio), self._read_share)
+            ratio = np.where(used, height, 0.0).sum(axis=1) / usual
+        return _growth(ratio, self._read_share)
 
     @property
     def _read_share(self) -> float:
@@ -207,14 +215,18 @@ def _plain(
         recording.first_line + (stack.n_lines - 1) / 2,
     )
     shape = find_glint(sample, setup.glint, white_level=stack.white_level)
+    to_plane = PixelToPlane.of_camera(
+        setup.camera, y=setup.glint.y, yaw=setup.glint.yaw, window=window
+    )
+    u = recording.first_column + columns.astype(np.float64)
+    lines = (recording.first_line - 1.0, recording.first_line + stack.n_lines + 0.5)
     return Measurement(
         setup=setup,
         recording=recording,
         shape=shape,
         columns=columns,
-        to_plane=PixelToPlane.of_camera(
-            setup.camera, y=setup.glint.y, yaw=setup.glint.yaw, window=window
-        ),
+        to_plane=to_plane,
+        columns_to_plane=to_plane.of_columns(u, lines),
         estimator=Centroid(shape),
         noise=NoiseModel(shape.noise**2, 0.0, 0.0, shape.saturation, "background"),
         column_std=np.ones(columns.size),
@@ -224,8 +236,16 @@ def _plain(
         sagitta=0.0,
         sagitta_std=np.inf,
         sample_size=len(sample),
+        mark=_mark(stack, setup, recording),
         reflection=None,
     )
+
+
+def _mark(stack: FieldStack, setup: Setup, recording: Recording) -> Mark | None:
+    if setup.glint.reference is None:
+        return None
+    first = stack.read(0, FIRST_FIELDS)
+    return learn_mark(first, recording.parity_of(np.arange(len(first))), setup.glint.reference)
 
 
 def _with_columns(
@@ -245,7 +265,7 @@ def _with_columns(
     offset, noise, count = _column_statistics(fit.residual)
     # A column's own noise is shrunk towards what its brightness lets expect.
     expected = np.sqrt(_growth(height / _median(height), flat._read_share))
-    usual_noise = _median(noise / expected) * expected
+    usual_noise = max(_median(noise / expected), least) * expected
     prior = _prior_weight(noise / usual_noise, count)
     variance = (count * noise**2 + prior * usual_noise**2) / (count + prior)
     trust = _trust(offset, _median(noise)) * (count >= 0.5 * number.size)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glint_aoa.errors import RecordingError
-from glint_aoa.units import convert
+from glint_aoa.units import conversion
 
 __all__ = ["AcquisitionRecord", "Channel", "LazySamples", "PackageClock", "Stretches"]
 
@@ -157,14 +157,16 @@ class Channel:
         Returns
         -------
         ndarray [sample]
-            Samples times scale [`units`].
+            Samples times scale [`units`]; temperatures with the zero of their scale.
 
         Raises
         ------
         RecordingError
             If the channel has no units, or they measure something else.
         """
-        return np.asarray(self.samples, np.float64) * (self.scale * self._factor(units))
+        factor, offset = self._conversion(units)
+        values = np.asarray(self.samples, np.float64) * (self.scale * factor)
+        return values + offset if offset else values
 
     @property
     def clipped(self) -> NDArray[np.bool_]:
@@ -208,14 +210,14 @@ class Channel:
         for start in range(0, len(self), BLOCK):
             yield start, self.cut(start, min(start + BLOCK, len(self)))
 
-    def _factor(self, units: str) -> float:
+    def _conversion(self, units: str) -> tuple[float, float]:
         if self.units is None:
             raise RecordingError(
                 f"channel {self.name}: the record gives no units; "
                 "give them under [[inertial.channel]] in the setup"
             )
         try:
-            return convert(self.units, units)
+            return conversion(self.units, units)
         except ValueError as error:
             raise RecordingError(
                 f"channel {self.name}: {error}; correct units in the record or the setup"
