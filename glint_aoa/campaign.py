@@ -15,12 +15,13 @@ from glint_aoa.inertial.static import static_angle
 from glint_aoa.process import measure_point, process_point
 from glint_aoa.records.acquisition import AcquisitionRecord
 from glint_aoa.records.angles import check_new_results
-from glint_aoa.records.formats import open_fields
-from glint_aoa.records.formats.hdf5 import read_acquisition
+from glint_aoa.records.conditioning import prepared
+from glint_aoa.records.formats import open_acquisition, open_fields
 from glint_aoa.setup import Setup
 
 __all__ = ["calibrate_sweep", "compare_points"]
 
+_PACKAGE = ("aoa_unfiltered", "aoa_filtered", "temperature")
 _SAME_ANGLE_DEG = 0.1  # a run whose nominal angles differ by more is a sweep
 
 
@@ -65,7 +66,7 @@ def calibrate_sweep(
         if not row["n_used"]:
             raise CalibrationError(f"{path}: no field could be measured; leave the point out")
         optical.append((row["mean_angle_deg"], row["mean_angle_std_deg"]))
-        onboard.append(static_angle(read_acquisition(path, setup.inertial), setup.inertial))
+        onboard.append(static_angle(_package_alone(path, setup), setup.inertial))
         if progress is not None:
             progress(path)
     angles, stds = np.array(optical).reshape(-1, 2).T
@@ -134,6 +135,13 @@ def compare_points(
     return compared
 
 
+def _package_alone(path: str | Path, setup: Setup) -> AcquisitionRecord:
+    """Take what a model at rest needs; what else was recorded may have gaps of any length."""
+    record = open_acquisition(path, setup.inertial)
+    channels = {name: each for name, each in record.channels.items() if each.quantity in _PACKAGE}
+    return prepared(replace(record, channels=channels))
+
+
 def _sweeps(points: Iterable[BenchmarkPoint]) -> set[str]:
     """Find the runs whose nominal angle changes from point to point."""
     angles: dict[str, list[float]] = {}
@@ -154,7 +162,7 @@ def _check_before(
         )
     check_runs(points.values())
     for path in points:
-        read_acquisition(path, setup.inertial)
+        prepared(open_acquisition(path, setup.inertial))
         if new_in is not None:
             check_new_results(new_in, path.stem)
 
@@ -162,9 +170,9 @@ def _check_before(
 def _compare_point(
     path: Path, announced: BenchmarkPoint, setup: Setup, out: Path, *, overwrite: bool
 ) -> BenchmarkPoint:
-    record = read_acquisition(path, setup.inertial)
+    record = open_acquisition(path, setup.inertial)
     row = process_point(path, setup, out, overwrite=overwrite).log
-    raw, corrected = _inertial_angles(record, setup)
+    raw, corrected = _inertial_angles(prepared(record), setup)
     return replace(
         announced,
         moment_in_lb_pp=moment_peak_to_peak_in_lb(record, announced.plane),

@@ -24,13 +24,13 @@ from glint_aoa.inertial.channels import (
 )
 from glint_aoa.inertial.consistency import shown_by_package
 from glint_aoa.inertial.estimate import BiasEstimate, CorrectionTask
-from glint_aoa.inertial.filters import filter_spectrum, integrate_band
+from glint_aoa.inertial.filters import filter_spectrum
 from glint_aoa.inertial.modes import Mode, Plane
 from glint_aoa.inertial.receptance import Receptances, fit_receptances
 from glint_aoa.inertial.separation import Share, separate
 from glint_aoa.inertial.spectrum import PlaneSpectrum
 from glint_aoa.inertial.turning import turning_per_acceleration
-from glint_aoa.inertial.unlisted import BAND, unlisted_resonances
+from glint_aoa.inertial.unlisted import named_unlisted, unlisted_resonances, unlisted_terms
 from glint_aoa.units import STANDARD_GRAVITY
 
 __all__ = ["estimate_bias", "missing"]
@@ -131,8 +131,8 @@ def estimate_bias(task: CorrectionTask) -> BiasEstimate:
     radius predicts, as for a sine at the frequency of a mode with a small radius that another
     mode's skirt answers too, what it shows is taken, to within its whole size.
 
-    A resonance that no mode lists is named, and its V^2 over the middle radius of the plane's modes
-    counts as uncertainty; it is not corrected.
+    A resonance that no mode lists is named, and what it may add counts as uncertainty
+    (`unlisted_terms`); it is not corrected.
 
     Products of velocity and angular rate of different modes have no mean in steady motion at
     well-separated frequencies. They are kept where one force is seen to move all modes and left
@@ -155,8 +155,7 @@ def estimate_bias(task: CorrectionTask) -> BiasEstimate:
     denied = {number: part for plane in found for number, part in plane.denied.items()}
     unlisted = [each for plane in found for each in plane.unlisted_hz]
     which = _which(credited, turned, denied)
-    if unlisted:
-        which += f"; no mode lists {' and '.join(f'{each:.3g} Hz' for each in unlisted)}"
+    which += named_unlisted(unlisted)
     return BiasEstimate(
         addition=np.sum([plane.addition for plane in found], axis=0),
         std_terms=[term for plane in found for term in plane.std_terms if np.any(term)],
@@ -213,24 +212,8 @@ def _plane_bias(
     else:
         found = _from_receptances(sensor, modes, spectrum, receptances, sine, relative_std)
     unlisted = unlisted_resonances(spectrum)
-    terms = _unlisted_terms(sensor, modes, unlisted)
+    terms = unlisted_terms(package, sensor, modes, unlisted)
     return replace(found, std_terms=[*found.std_terms, *terms], unlisted_hz=unlisted)
-
-
-def _unlisted_terms(
-    sensor: Accelerometer, modes: tuple[Mode, ...], unlisted_hz: list[float]
-) -> list[_Floats]:
-    """Bias of resonances whose points of rotation nobody knows, by the middle one of the plane."""
-    middle = float(np.median([abs(mode.radius_m) for mode in modes]))
-    rate_hz = sensor.channel.rate_hz
-    return [
-        integrate_band(
-            sensor.acceleration, rate_hz, low_hz=(1 - BAND) * each, high_hz=(1 + BAND) * each
-        )
-        ** 2
-        / middle
-        for each in unlisted_hz
-    ]
 
 
 def _from_shares(

@@ -237,7 +237,10 @@ class _Split:
         background = self._background(index)
         share = np.clip(1 - background / spectrum.power, 0.0, 1.0)
         excess = spectrum.energy(spectrum.power - background, core)
-        return np.asarray(share * excess / spectrum.energy(share * spectrum.power, core))
+        positive = spectrum.energy(share * spectrum.power, core)  # at least the excess
+        if not positive > 0:
+            return np.zeros_like(share)
+        return np.asarray(share * max(excess, 0.0) / positive)
 
     def _background(self, index: int) -> _Floats:
         """Power of the others and of the floor, scaled to what is seen beside the resonance."""

@@ -22,6 +22,7 @@ from glint_aoa.inertial.harmonic import servo_lag
 from glint_aoa.inertial.lateral import sensor_per_accelerometer
 from glint_aoa.inertial.modes import Mode, Plane
 from glint_aoa.inertial.spectrum import PlaneSpectrum
+from glint_aoa.inertial.unlisted import named_unlisted, unlisted_resonances, unlisted_terms
 
 __all__ = ["SpectralPeak", "estimate_bias", "missing", "spectral_peak"]
 
@@ -136,7 +137,8 @@ def estimate_bias(task: CorrectionTask) -> BiasEstimate:
     The method holds for stationary vibration; where the vibration grows and fades the mean of the
     record is still right and single rows are not, which their uncertainty says. Energy of another
     mode within 15 % of a mode's frequency is taken for its own: with a small radius that is wrong
-    by any factor. A peak whose radius implies a turning of more than 1 deg corrects nothing.
+    by any factor. A resonance that no mode lists is named and widens the uncertainty, as in the
+    modal correction. A peak whose radius implies a turning of more than 1 deg corrects nothing.
     """
     found = []
     for plane in _PLANES:
@@ -145,6 +147,7 @@ def estimate_bias(task: CorrectionTask) -> BiasEstimate:
         if sensor is not None:
             found.append(_plane(task, modes, sensor))
     mean = sum(each.mean for each in found)
+    unlisted = [each for plane in found for each in plane.unlisted_hz]
     peaks = {number: peak for each in found for number, peak in each.peaks.items()}
     return BiasEstimate(
         addition=np.full(len(task.package.channel), mean),
@@ -154,12 +157,13 @@ def estimate_bias(task: CorrectionTask) -> BiasEstimate:
         why=(
             "peaks of the spectra of "
             f"{' and '.join(each.sensor.channel.name for each in found)}, one mean bias for the "
-            f"record; {_named(peaks)}"
+            f"record; {_named(peaks)}{named_unlisted(unlisted)}"
         ),
         settings={
             "relative_std": task.relative_std,
             "mode_frequencies_hz": {k: peak.frequency_hz for k, peak in peaks.items()},
             "peak_accelerations_m_s2": {k: peak.acceleration for k, peak in peaks.items()},
+            "unlisted_hz": tuple(unlisted),
         },
     )
 
@@ -170,15 +174,17 @@ class _PlaneMean:
     mean: float
     std_terms: list[_Floats]
     peaks: dict[int, SpectralPeak]
+    unlisted_hz: list[float]
 
 
 def _plane(task: CorrectionTask, modes: tuple[Mode, ...], sensor: Accelerometer) -> _PlaneMean:
     rate_hz = sensor.channel.rate_hz
-    centres = PlaneSpectrum.of(sensor.acceleration, rate_hz, modes).peaks_hz
+    spectrum = PlaneSpectrum.of(sensor.acceleration, rate_hz, modes)
+    unlisted = unlisted_resonances(spectrum)
+    terms = unlisted_terms(task.package, sensor, modes, unlisted)
     mean = 0.0
-    terms: list[_Floats] = []
     peaks: dict[int, SpectralPeak] = {}
-    for mode, (low, high) in zip(modes, _bands(centres), strict=True):
+    for mode, (low, high) in zip(modes, _bands(spectrum.peaks_hz), strict=True):
         peak = spectral_peak(sensor.acceleration, rate_hz, low_hz=low, high_hz=high)
         centre = (low + high) / 2 if peak is None else peak.frequency_hz
         factor = _per_square(task, mode, sensor, centre)
@@ -193,7 +199,7 @@ def _plane(task: CorrectionTask, modes: tuple[Mode, ...], sensor: Accelerometer)
         doubt = peak.background + _denied(task, passing, 2 * low, 2 * high)
         relative = float(np.hypot(task.relative_std, doubt))
         terms += [np.full(velocity.size, relative * bias), passing - np.mean(passing)]
-    return _PlaneMean(sensor, mean, terms, peaks)
+    return _PlaneMean(sensor, mean, terms, peaks, unlisted)
 
 
 def _turns_credibly(peak: SpectralPeak, mode: Mode) -> bool:

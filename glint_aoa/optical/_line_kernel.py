@@ -17,7 +17,7 @@ def fit_lines(s, z, column_weight, usual, outlier, figures, weight, residual, ou
     for k in range(z.shape[0]):
         total, s_sum, z_sum, count = 0.0, 0.0, 0.0, 0
         for i in range(z.shape[1]):
-            there = z[k, i] == z[k, i] and s[k, i] == s[k, i]  # noqa: PLR0124  NaN is not
+            there = z[k, i] == z[k, i] and s[k, i] == s[k, i]
             w = column_weight[i] if there else 0.0
             weight[k, i] = w
             total += w

@@ -25,13 +25,13 @@ def _phase(row, n_phases):
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _match(pixel, filters, bend, tilt_gain, tilt, phase):
+def _match(pixel, filters, bend, gain, tilt, step, phase):
     """Height and shift of the line against the phase, by the linear filters of that phase."""
     height, moved = 0.0, 0.0
     for j in range(pixel.size):
         height += filters[phase, 0, j] * pixel[j]
         moved += filters[phase, 1, j] * pixel[j]
-    shift = (moved - tilt * tilt_gain[phase]) / height
+    shift = (moved - tilt * gain[0, phase] - step * gain[1, phase]) / height
     return height, shift - bend[phase] * shift * shift
 
 
@@ -72,7 +72,7 @@ def _scored(value, model, variance, saturation):
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _gather(field, column, sign, profile, noise, saturation, tilt, state, a, b):
+def _gather(field, column, sign, profile, noise, saturation, tilt, step, state, a, b):
     """Fill the normal equations of height, level and row; returns whether a pixel is clipped."""
     n_phases, side = profile.shape[1], (profile.shape[2] - 1) // 2
     whole, phase = _phase(state[2], n_phases)
@@ -85,6 +85,7 @@ def _gather(field, column, sign, profile, noise, saturation, tilt, state, a, b):
             continue
         shape, slope = profile[0, phase, j], profile[1, phase, j]
         model = state[1] + state[0] * shape + tilt * (row - state[2])
+        model += step * profile[3, phase, j]
         variance = noise[0] + noise[1] * max(sign * model - noise[2], 0.0)
         value = sign * np.float64(field[row, column])
         clips = clips or value >= saturation
@@ -99,7 +100,9 @@ def _gather(field, column, sign, profile, noise, saturation, tilt, state, a, b):
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _likeliest(field, column, start, sign, profile, reach, noise, saturation, tilt, state, a, b):
+def _likeliest(
+    field, column, start, sign, profile, reach, noise, saturation, tilt, step, state, a, b
+):
     """Maximum likelihood of one column from the pixels that there are, clipped ones censored.
 
     `state` holds height, level and row, and is improved in place; returns the row, NaN where
@@ -107,18 +110,18 @@ def _likeliest(field, column, start, sign, profile, reach, noise, saturation, ti
     """
     clips = False
     for _ in range(2 * _ROUNDS):
-        clips = _gather(field, column, sign, profile, noise, saturation, tilt, state, a, b)
+        clips = _gather(field, column, sign, profile, noise, saturation, tilt, step, state, a, b)
         for p in range(3):
             a[p, p] *= 1.0 + 1e-9
         if not _solve(a, b):
             return np.nan, clips
-        step = min(max(b[2], -0.5), 0.5)
+        move = min(max(b[2], -0.5), 0.5)
         state[0] += b[0]
         state[1] += b[1]
-        state[2] += step
+        state[2] += move
         if not state[0] > 0.0 or not abs(state[2] - start) <= reach:
             return np.nan, clips
-        if abs(step) < _SETTLED:
+        if abs(move) < _SETTLED:
             break
     return state[2], clips
 
@@ -135,13 +138,13 @@ def _read(field, column, first, sign, pixel):
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _filtered(field, column, start, sign, tables, tilt, reach, ceiling, pixel):
+def _filtered(field, column, start, sign, tables, tilt, step, reach, ceiling, pixel):
     """Row and height of one column by the filters of its phase.
 
     Returns NaN and 0 where nothing is found, and whether the filters can be used at all: they
     need all rows of the profile, and none at the top of the scale.
     """
-    filters, bend, tilt_gain, spread = tables
+    filters, bend, gain, spread = tables
     n_phases, side = filters.shape[0], (pixel.size - 1) // 2
     found, row = np.nan, start
     for _ in range(_ROUNDS):
@@ -150,7 +153,7 @@ def _filtered(field, column, start, sign, tables, tilt, reach, ceiling, pixel):
             return np.nan, 0.0, False
         if _read(field, column, whole - side, sign, pixel) >= ceiling:
             return np.nan, 0.0, False
-        height, shift = _match(pixel, filters, bend, tilt_gain, tilt, phase)
+        height, shift = _match(pixel, filters, bend, gain, tilt, step, phase)
         if not height > 0.0:
             return np.nan, 0.0, True
         found = whole + (phase - n_phases // 2) / n_phases + shift
@@ -170,7 +173,7 @@ def match_columns(
     sign,
     profile,
     tables,
-    tilt,
+    uneven,
     usual,
     noise,
     core,
@@ -184,11 +187,12 @@ def match_columns(
 ):
     """Fill `row`, `height`, `status` and `clipped` [field, column].
 
-    Parameters beyond the obvious: `profile` [3, phase, line] the profile, its slope, and the
-    weights' taper; `tables` the filters [phase, 2, line] that give height and height times shift,
-    the shift's second order and its answer to a tilted background [phase], and its standard
-    deviation times the height [phase]; `tilt` [column] and `usual` [2, column] the background's
-    tilt, and height and level; `core` half of what must lie within the window [lines].
+    Parameters beyond the obvious: `profile` [4, phase, line] the profile, its slope, the weights'
+    taper, and a step across the line; `tables` the filters [phase, 2, line] that give height and
+    height times shift, the shift's second order [phase], its answers to tilt and step of the
+    background [2, phase], and its standard deviation times the height [phase]; `uneven`
+    [2, column] that tilt and step, `usual` [2, column] height and level; `core` half of what must
+    lie within the window [lines].
     """
     rows = fields.shape[1]
     pixel = np.empty(profile.shape[2], np.float32)
@@ -204,7 +208,16 @@ def match_columns(
                 status[k, i] = CUT
                 continue
             found, high, done = _filtered(
-                fields[k], columns[i], begun, sign, tables, tilt[i], reach, ceiling, pixel
+                fields[k],
+                columns[i],
+                begun,
+                sign,
+                tables,
+                uneven[0, i],
+                uneven[1, i],
+                reach,
+                ceiling,
+                pixel,
             )
             if not done:
                 state[0], state[1], state[2] = usual[0, i], usual[1, i], begun
@@ -217,7 +230,8 @@ def match_columns(
                     reach,
                     noise,
                     ceiling,
-                    tilt[i],
+                    uneven[0, i],
+                    uneven[1, i],
                     state,
                     a,
                     b,

@@ -32,7 +32,7 @@ class Centroid:
     Cramer-Rao bound and its pixel locking below 0.0002 line (0.001 line for sigma 0.7). It is
     biased where the background is curved across the window, where a second line enters it, and by
     clipping of an asymmetric glint.
-    """  # noqa: D205, D400
+    """  # noqa: D400
 
     shape: GlintShape
 

@@ -164,7 +164,10 @@ def _best_scale(
     shapes = [_first_guess(sample, glint, white_level, half_box) for half_box in _HALF_BOXES]
     found = [find_lines(sample, shape) for shape in shapes]
     clear = np.array(
-        [each.share * each.contrast / s.patch_threshold for s, each in zip(shapes, found)]
+        [
+            each.share * each.contrast / s.patch_threshold
+            for s, each in zip(shapes, found, strict=True)
+        ]
     )
     best = int(np.argmax(np.quantile(clear, _CLEAREST, axis=1)))
     shown = np.flatnonzero(clear[best] >= 0.5 * np.quantile(clear[best], _CLEAREST))

@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["LineFit", "fit_lines", "fit_lines_robustly"]
+__all__ = ["LineFit", "fit_lines", "fit_lines_robustly", "row_medians"]
 
 _Array = NDArray[np.float64]
 
@@ -133,7 +133,7 @@ def _bisquare(s: _Array, z: _Array, std: _Array, usual: _Array, residual: _Array
         distance = np.abs(residual - usual) / std
         with np.errstate(invalid="ignore"):
             known = np.where(np.isfinite(std) & np.isfinite(distance), distance, np.nan)
-        scale = np.maximum(1.0, 1.4826 * _row_median(known))
+        scale = np.maximum(1.0, 1.4826 * row_medians(known))
         shrink = np.clip(1 - (distance / (_BISQUARE * scale[:, None])) ** 2, 0.0, 1.0) ** 2
         fit = fit_lines(s, z, prior * np.nan_to_num(shrink))
         residual = fit.residual
@@ -151,14 +151,25 @@ def _about_median_line(s: _Array, z: _Array, usual: _Array) -> _Array:
     dz = level[:, some, None] - level[:, None, some]
     with np.errstate(invalid="ignore", divide="ignore"):
         slopes = np.where(ds == 0, np.nan, dz / ds)
-    each = _row_median(slopes.reshape(-1, slopes.shape[2])).reshape(slopes.shape[:2])
-    slope = _row_median(each)
-    intercept = _row_median(level - slope[:, None] * s)
+    each = row_medians(slopes.reshape(-1, slopes.shape[2])).reshape(slopes.shape[:2])
+    slope = row_medians(each)
+    intercept = row_medians(level - slope[:, None] * s)
     return z - intercept[:, None] - slope[:, None] * s
 
 
-def _row_median(values: _Array) -> _Array:
-    """Median of each row without its NaN; NaN for an empty row."""
+def row_medians(values: _Array) -> _Array:
+    """Median of each row without its NaN, whatever the other rows hold; NaN for an empty row.
+
+    Parameters
+    ----------
+    values : ndarray, shape (row, column)
+        Values; NaN where there is none.
+
+    Returns
+    -------
+    ndarray, shape (row,)
+        The medians.
+    """
     ordered = np.sort(values, axis=1)  # NaN last
     count = np.isfinite(values).sum(axis=1)
     if values.shape[1] == 0:

@@ -13,12 +13,20 @@ from glint_aoa.optical.estimator import Sample
 from glint_aoa.optical.noise import NoiseModel
 from glint_aoa.optical.shape import GlintShape
 
-__all__ = ["LineProfile", "learn_profile", "phases_covered"]
+__all__ = [
+    "ColumnLight",
+    "LineProfile",
+    "background_shapes",
+    "learn_profile",
+    "phases_covered",
+]
 
 _Array = NDArray[np.float64]
 _Curve = Callable[[_Array], _Array]
 
 _MOST_COLUMNS = 96  # of the sample serve to learn the profile
+_EDGE_WIDTH = 0.5  # lines: blur of an edge that the line hides
+_FARTHEST = 1.0  # lines that a centre may be shifted in one round
 _ROUNDS = 3
 _MOST_STEPS = 40
 _LEAST_BINS = 6
@@ -69,12 +77,30 @@ class _Cloud:
 
 @dataclass(frozen=True)
 class ColumnLight:
-    """Height and level of the light in each column [grey levels], and the level's tilt a line."""
+    """Light in each column [grey levels].
+
+    Attributes
+    ----------
+    height, level : ndarray, shape (column,)
+        Height of the profile, and level of the background at the line.
+    uneven, uneven_std : ndarray, shape (2, column)
+        The background's tilt from line to line and its step across the line, see
+        `background_shapes`, and their standard deviations; infinite where unknown.
+    shift : ndarray, shape (column,)
+        What the line lies beyond where the sample puts it [lines]: an uneven background has
+        drawn the centres by which it was found.
+    """
 
     height: _Array
     level: _Array
-    tilt: _Array
-    tilt_std: _Array
+    uneven: _Array
+    uneven_std: _Array
+    shift: _Array
+
+
+def background_shapes(t: _Array) -> _Array:
+    """Tilt and step of a background at `t` lines from the line's centre, along a first axis."""
+    return np.stack([t, _edge(t, _EDGE_WIDTH) - 0.5])
 
 
 def phases_covered(row: _Array) -> bool:
@@ -103,7 +129,7 @@ def learn_profile(
     """Learn the line's profile from a sample in which the line is known.
 
     Parametric profiles, integrated over pixels, are fitted to all columns together, each with its
-    own height, level and tilt of the background; the simplest that explains the sample is taken.
+    own height and background; the simplest that explains the sample is taken.
     Where the sample covers the phases of a line a spline corrects it.
 
     Parameters
@@ -120,7 +146,7 @@ def learn_profile(
     LineProfile
         The profile.
     ColumnLight
-        Height, level and tilt in the sample's columns.
+        Light in the sample's columns.
 
     Notes
     -----
@@ -136,7 +162,7 @@ def learn_profile(
     fit: _Fit | None = None
     for _ in range(_ROUNDS):
         light = _light(cloud, profile, noise)
-        cloud = _without_outliers(cloud, profile, light, noise)
+        cloud = _without_outliers(_shifted(cloud, light), profile, light, noise)
         bins = _binned(cloud, light, noise)
         if bins.t.size < _LEAST_BINS:
             break
@@ -171,21 +197,34 @@ def _cloud(sample: Sample, shape: GlintShape, reach: float) -> _Cloud:
 
 
 def _light(cloud: _Cloud, profile: LineProfile, noise: NoiseModel) -> ColumnLight:
-    """Least squares for height, level and tilt of each column."""
-    columns = (profile.curve(cloud.t), np.ones(cloud.t.size), cloud.t)
+    """Least squares for height, level and uneven background of each column."""
+    value, slope = profile.curve(cloud.t), profile.curve(cloud.t, 1)
+    columns = (value, np.ones(cloud.t.size), *background_shapes(cloud.t), -slope)
     weight = 1 / noise.variance(np.abs(cloud.grey))
-    normal, right = np.empty((cloud.n_columns, 3, 3)), np.empty((cloud.n_columns, 3))
+    normal, right = np.empty((cloud.n_columns, 5, 5)), np.empty((cloud.n_columns, 5))
     for i, one in enumerate(columns):
         right[:, i] = _sum_by_column(cloud, weight * one * cloud.grey)
         for j, other in enumerate(columns):
             normal[:, i, j] = _sum_by_column(cloud, weight * one * other)
     known = normal[:, 0, 0] > 0
-    normal[~known] = np.eye(3)
-    normal += np.eye(3) * 1e-9 * np.trace(normal, axis1=1, axis2=2)[:, None, None]
+    normal[~known] = np.eye(5)
+    normal += np.eye(5) * 1e-9 * np.trace(normal, axis1=1, axis2=2)[:, None, None]
     covariance = np.linalg.inv(normal)
     solution = np.where(known[:, None], np.einsum("cij,cj->ci", covariance, right), np.nan)
-    tilt_std = np.where(known, np.sqrt(covariance[:, 2, 2]), np.inf)
-    return ColumnLight(solution[:, 0], solution[:, 1], solution[:, 2], tilt_std)
+    variance = np.diagonal(covariance, axis1=1, axis2=2)[:, 2:4].T
+    with np.errstate(invalid="ignore", divide="ignore"):
+        shift = np.clip(solution[:, 4] / solution[:, 0], -_FARTHEST, _FARTHEST)
+    return ColumnLight(
+        solution[:, 0],
+        solution[:, 1],
+        np.ascontiguousarray(solution[:, 2:4].T),
+        np.where(known, np.sqrt(np.maximum(variance, 0.0)), np.inf),
+        np.where(solution[:, 0] > 0, shift, 0.0),
+    )
+
+
+def _shifted(cloud: _Cloud, light: ColumnLight) -> _Cloud:
+    return replace(cloud, t=cloud.t - light.shift[cloud.column])
 
 
 def _sum_by_column(cloud: _Cloud, values: _Array) -> _Array:
@@ -210,9 +249,14 @@ def _without_outliers(
 
 def _modelled(cloud: _Cloud, profile: LineProfile, light: ColumnLight) -> _Array:
     c = cloud.column
-    model: _Array = light.level[c] + light.tilt[c] * cloud.t
-    model += light.height[c] * profile.curve(cloud.t)
+    model: _Array = _background(cloud, light) + light.height[c] * profile.curve(cloud.t)
     return model
+
+
+def _background(cloud: _Cloud, light: ColumnLight) -> _Array:
+    c = cloud.column
+    level: _Array = light.level[c] + (light.uneven[:, c] * background_shapes(cloud.t)).sum(axis=0)
+    return level
 
 
 def _finished(bins: "_Bins", fit: "_Fit", reach: float, *, covered: bool) -> LineProfile:
@@ -238,7 +282,7 @@ def _binned(cloud: _Cloud, light: ColumnLight, noise: NoiseModel) -> _Bins:
     c = cloud.column
     height = np.where(light.height[c] > 0, light.height[c], np.nan)
     weight = height**2 / noise.variance(np.abs(cloud.grey))
-    value = (cloud.grey - light.level[c] - light.tilt[c] * cloud.t) / height
+    value = (cloud.grey - _background(cloud, light)) / height
     usable = np.isfinite(weight)
     t, value, weight = cloud.t[usable], value[usable], weight[usable]
     index = np.round(t / _BIN).astype(np.int64)

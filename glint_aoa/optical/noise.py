@@ -138,7 +138,10 @@ def sample_noise(sample: Sample, shape: GlintShape, glint: Glint) -> NoiseModel:
 
 
 def _neighbours(sample: Sample, reach: int) -> tuple[_Array, _Array]:
-    """Expected grey level, and what a pixel differs from it as one of two equal readings would."""
+    """Hold pixels against what their neighbours in phase let expect.
+
+    Returns the expected grey levels, and differences like those of two equal readings.
+    """
     offsets = np.arange(-reach, reach + 1)
     greys, differences = [], []
     sample = sample.thinned(_MOST_COLUMNS)

@@ -14,8 +14,9 @@ from glint_aoa.optical.centroid import Centroid
 from glint_aoa.optical.columns import used_columns
 from glint_aoa.optical.detect import find_glint, find_lines
 from glint_aoa.optical.estimator import ColumnCentres, Estimator, Sample
-from glint_aoa.optical.line import LineFit, fit_lines_robustly
+from glint_aoa.optical.line import LineFit, fit_lines_robustly, row_medians
 from glint_aoa.optical.noise import NoiseModel, sample_noise
+from glint_aoa.optical.profile import ProfileMatch
 from glint_aoa.optical.reference import FIRST_FIELDS, Mark, learn_mark
 from glint_aoa.optical.shape import GlintShape
 from glint_aoa.records.fields import FieldStack
@@ -41,6 +42,7 @@ _LEAST_COLUMNS = 3
 _OUTLYING = 4.0  # standard deviations at which a centre does not count for its column's noise
 _ALIKE = 2.0  # times the noise that one profile may leave of all columns' pixels
 _TOGETHER = 64  # fields that are located and measured together, while they are in the cache
+_STEP_DOUBT = 0.25  # of the correction for a step that the glint hides
 _STRETCHES = 8  # of columns whose lasting departures count as independent
 
 
@@ -313,16 +315,26 @@ def _with_lasting_departures(measurement: Measurement, fit: LineFit) -> Measurem
     bend = float((weight * basis[2] * departure).sum() / norms[2])
     left = departure - bend * basis[2]
     noise = _median_variance(weight, count)
+    pull = weight * basis[1] / norms[1]
+    doubt = np.hypot(_doubt(pull, left, noise), _hidden_step(pull, measurement))
     return replace(
         measurement,
-        slope_doubt=_doubt(weight * basis[1] / norms[1], left, noise) / (0.5 * _span(measurement)),
+        slope_doubt=float(doubt) / (0.5 * _span(measurement)),
         sagitta=-bend,
         sagitta_std=_doubt(weight * basis[2] / norms[2], left, noise),
     )
 
 
+def _hidden_step(pull: _Array, measurement: Measurement) -> float:
+    """Say what the correction for a step of the background under the line leaves in doubt."""
+    if not isinstance(measurement.estimator, ProfileMatch):
+        return 0.0
+    drawn = measurement.estimator.step_correction * measurement.line_height
+    return float(abs((pull * drawn).sum())) * _STEP_DOUBT
+
+
 def _doubt(pull: _Array, left: _Array, noise: _Array) -> float:
-    """Standard deviation of a figure of the line from lasting departures, their noise taken off.
+    """Say how much lasting departures, their noise taken off, leave in doubt of a line's figure.
 
     Neighbouring columns depart together, so whole stretches of them count as one draw.
     """
@@ -384,19 +396,10 @@ def _row_mean(z: _Array) -> _Array:
 def _column_heights(centres: ColumnCentres) -> _Array:
     """Usual height of each column; the usual column's where it was never measured."""
     height = np.where(np.isfinite(centres.row), centres.height, np.nan)
-    each = _row_medians(height.T)
+    each = row_medians(height.T)
     usual = _median(each)
     heights: _Array = np.where(np.isfinite(each) & (each > 0), each, usual if usual > 0 else 1.0)
     return heights
-
-
-def _row_medians(values: _Array) -> _Array:
-    """Median of each row without its NaN; NaN for an empty row."""
-    medians = np.full(len(values), np.nan)
-    there = np.isfinite(values).any(axis=1)
-    if there.any():
-        medians[there] = np.nanmedian(values[there], axis=1)
-    return medians
 
 
 def _growth(ratio: _Array, read_share: float) -> _Array:
@@ -410,10 +413,10 @@ def _column_statistics(residual: _Array) -> tuple[_Array, _Array, NDArray[np.int
     """Median, noise about it and number of fields, for each column."""
     there = np.isfinite(residual)
     count = there.sum(axis=0)
-    offset = _row_medians(residual.T)
+    offset = row_medians(residual.T)
     departure = np.abs(residual - offset)
     with np.errstate(invalid="ignore"):
-        kept = departure <= _OUTLYING * 1.4826 * _row_medians(departure.T)
+        kept = departure <= _OUTLYING * 1.4826 * row_medians(departure.T)
     freedom = np.maximum(kept.sum(axis=0) - 1, 1)
     noise = np.sqrt(np.where(kept, departure**2, 0.0).sum(axis=0) / freedom)
     noise *= np.sqrt(max(count.size, 3) / max(count.size - 2, 1))  # what the line took up

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glint_aoa.optical.estimator import ColumnCentres, Sample
-from glint_aoa.optical.line_profile import ColumnLight, LineProfile, learn_profile
+from glint_aoa.optical.line_profile import LineProfile, background_shapes, learn_profile
 from glint_aoa.optical.noise import NoiseModel
 from glint_aoa.optical.shape import GlintShape
 
@@ -17,6 +17,7 @@ _Array = NDArray[np.float64]
 
 _PHASES = 64  # tabulated to a line
 _REACH = 2.0  # lines that a centre may lie from its start, at least
+_CLEARLY = 3.0  # standard deviations of a scatter by chance
 _CORE = 0.6  # of the half width must lie within the window
 
 
@@ -28,7 +29,7 @@ class ProfileMatch:
     noise: NoiseModel
     shape: GlintShape
     tables: "_Tables"
-    tilt: _Array
+    uneven: _Array
     usual: _Array
 
     @property
@@ -45,6 +46,15 @@ class ProfileMatch:
             "profile_reach_lines": self.profile.reach,
             "profile_misfit": self.profile.misfit,
         }
+
+    @property
+    def step_correction(self) -> _Array:
+        """What steps of the background across the line were taken to draw the centres by [column].
+
+        In lines; where such a step lies under the glint, and how blurred it is, cannot be seen.
+        """
+        drawn: _Array = self.uneven[1] * self.tables.uneven_gain[1].mean() / self.usual[0]
+        return drawn
 
     def centres(
         self,
@@ -79,10 +89,10 @@ class ProfileMatch:
             (
                 self.tables.filters,
                 self.tables.bend,
-                self.tables.tilt_gain,
+                self.tables.uneven_gain,
                 self.tables.spread,
             ),
-            self.tilt,
+            self.uneven,
             self.usual,
             noise,
             _CORE * self.shape.half_width,
@@ -98,7 +108,7 @@ class ProfileMatch:
 
 
 def learn(sample: Sample, shape: GlintShape, noise: NoiseModel) -> ProfileMatch:
-    """Learn the profile, and tabulate the filters that match it.
+    r"""Learn the profile, and tabulate the filters that match it.
 
     Parameters
     ----------
@@ -116,17 +126,19 @@ def learn(sample: Sample, shape: GlintShape, noise: NoiseModel) -> ProfileMatch:
 
     Notes
     -----
-    About a phase c of the line a column's grey levels are linear in its height A, level B, tilt T
-    and A times the shift: :math:`I_v = A P(v - c) + B + T (v - c) - A\\,dc\\,P'(v - c)`. Weighted
-    least squares with the noise model's variances gives A and A dc as two filters for each of 64
-    phases; a column costs two sums of products. The tilt is held near the column's own, from the
-    whole sample, as firmly as the sample knows it: free, it would cost up to a tenth more noise.
+    About a phase c of the line a column's grey levels are linear in its height A, level B, tilt T,
+    step S across the line, and A times the shift:
+    :math:`I_v = A P(t) - A\,dc\,P'(t) + B + T t + S E(t), \; t = v - c`. Weighted least squares
+    with the noise model's variances gives A and A dc as two filters for each of 64 phases; a
+    column costs two sums of products. Tilt and step are held near the column's own, from the whole
+    sample, as firmly as the sample knows them: free, they would cost a tenth more noise.
     """
     profile, light = learn_profile(sample, shape, noise)
-    tilt, tilt_std = _usual_tilt(light)
+    pairs = zip(light.uneven, light.uneven_std, strict=True)
+    uneven, left = zip(*(_usual(values, std) for values, std in pairs), strict=True)
     usual = np.stack([_filled(light.height), _filled(light.level)])
-    tables = _tabulated(profile, shape, noise, usual.mean(axis=1), tilt_std)
-    return ProfileMatch(profile, noise, shape, tables, tilt, usual)
+    tables = _tabulated(profile, shape, noise, usual.mean(axis=1), np.array(left))
+    return ProfileMatch(profile, noise, shape, tables, np.stack(uneven), usual)
 
 
 def _filled(values: _Array) -> _Array:
@@ -136,20 +148,23 @@ def _filled(values: _Array) -> _Array:
     return filled
 
 
-def _usual_tilt(light: ColumnLight) -> tuple[_Array, float]:
-    """Tilt of each column, shrunk to the columns' mean by what the sample knows, and what is left.
+def _usual(values: _Array, std: _Array) -> tuple[_Array, float]:
+    """Shrink a figure of each column to the columns' mean by what the sample knows of it.
 
-    The scatter of the columns beyond their noise says how much they differ.
+    The scatter of the columns clearly beyond their noise says how much they differ: a column's
+    own figure brings the sample's noise into all fields. Returns the figures [column], and the
+    standard deviation that is left.
     """
-    known = np.isfinite(light.tilt) & np.isfinite(light.tilt_std)
+    known = np.isfinite(values) & np.isfinite(std) & (std > 0)
     if known.sum() < 3:
-        return np.zeros(light.tilt.size), 1e-3
-    tilt, noise = light.tilt[known], light.tilt_std[known] ** 2
-    mean = np.average(tilt, weights=1 / noise)
-    between = max(float(np.mean((tilt - mean) ** 2 - noise)), 0.0)
+        return np.zeros(values.size), 1e-3
+    value, noise = values[known], std[known] ** 2
+    mean = np.average(value, weights=1 / noise)
+    chance = _CLEARLY * float(np.mean(noise)) * np.sqrt(2 / known.sum())
+    between = max(float(np.mean((value - mean) ** 2 - noise)) - chance, 0.0)
     share = between / (between + noise)
-    shrunk = np.full(light.tilt.size, mean)
-    shrunk[known] += share * (tilt - mean)
+    shrunk = np.full(values.size, mean)
+    shrunk[known] += share * (value - mean)
     left = float(np.sqrt(np.median(share * noise)))
     return shrunk, max(left, 1e-6)
 
@@ -158,15 +173,15 @@ def _usual_tilt(light: ColumnLight) -> tuple[_Array, float]:
 class _Tables:
     """What the kernel looks up, by phase."""
 
-    profile: NDArray[np.float64]  # [3, phase, line] profile, slope, taper of the weights
+    profile: NDArray[np.float64]  # [4, phase, line] profile, slope, taper of the weights, step
     filters: NDArray[np.float32]  # [phase, 2, line]
     bend: _Array  # [phase]
-    tilt_gain: _Array  # [phase]
+    uneven_gain: _Array  # [2, phase]
     spread: _Array  # [phase]
 
 
 def _tabulated(
-    profile: LineProfile, shape: GlintShape, noise: NoiseModel, usual: _Array, tilt_std: float
+    profile: LineProfile, shape: GlintShape, noise: NoiseModel, usual: _Array, left: _Array
 ) -> _Tables:
     side = int(np.ceil(profile.reach))
     rows = np.arange(-side, side + 1)
@@ -176,17 +191,18 @@ def _tabulated(
     taper = np.clip(profile.reach + 0.5 - np.abs(t), 0.0, 1.0)
     height, level = usual
     weight = taper / noise.variance(shape.sign * (level + height * value))
-    design = np.stack([value, np.ones_like(t), t, -slope], axis=2)
+    tilt, step = background_shapes(t)
+    design = np.stack([value, -slope, np.ones_like(t), tilt, step], axis=2)
     normal = np.einsum("pri,pr,prj->pij", design, weight, design)
-    normal[:, 2, 2] += 1 / tilt_std**2
+    normal[:, [3, 4], [3, 4]] += 1 / left**2
     inverse = np.linalg.inv(normal)
     filters = np.einsum("pij,prj,pr->pir", inverse, design, weight)
     # Second order of the shift, per unit height: 0.5 P'' shift^2 seen through the shift's filter.
-    second = 0.5 * np.einsum("pr,pr->p", filters[:, 3], bend)
+    second = 0.5 * np.einsum("pr,pr->p", filters[:, 1], bend)
     return _Tables(
-        profile=np.stack([value, slope, taper]),
-        filters=np.ascontiguousarray(filters[:, [0, 3]], np.float32),
+        profile=np.stack([value, slope, taper, step]),
+        filters=np.ascontiguousarray(filters[:, :2], np.float32),
         bend=second,
-        tilt_gain=np.einsum("pr,pr->p", filters[:, 3], t),
-        spread=np.sqrt(inverse[:, 3, 3]),
+        uneven_gain=np.stack([np.einsum("pr,pr->p", filters[:, 1], each) for each in (tilt, step)]),
+        spread=np.sqrt(inverse[:, 1, 1]),
     )
