@@ -202,7 +202,9 @@ def _setup(modes: Sequence[Mode]) -> Inertial:
 def _line(result: Draws) -> str:
     known = result.known
     error, std = result.error_deg[known], result.std_deg[known]
-    verdict = "covers" if BAND[0] <= result.coverage <= BAND[1] else "DOES NOT COVER"
+    verdict = "covers" if result.coverage >= BAND[0] else "DOES NOT COVER"
+    if result.coverage > BAND[1]:
+        verdict = "covers, wider than need be"
     return (
         f"{result.method:<12}{known.size:>6}{100 * known.mean():>9.1f}"
         f"{100 * result.coverage:>10.1f}"
@@ -213,7 +215,7 @@ def _line(result: Draws) -> str:
 
 
 def main() -> int:
-    """Print one line a method; 1 if an interval covers too little or too much."""
+    """Print one line a method; 1 if an interval covers too little."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("methods", nargs="*", default=list(STUDIES), metavar="METHOD")
     parser.add_argument("--draws", type=int, default=2000)
@@ -226,7 +228,7 @@ def main() -> int:
     verdicts = []
     for method in options.methods:
         result = run(STUDIES[method], options.draws, seed=options.seed)
-        verdicts.append(BAND[0] <= result.coverage <= BAND[1] or not result.known.any())
+        verdicts.append(result.coverage >= BAND[0] or not result.known.any())
         print(_line(result), flush=True)
     return 0 if all(verdicts) else 1
 

@@ -307,6 +307,11 @@ def _spread(values: _Array) -> float:
     return float(values.std(ddof=1)) if values.size > 1 else np.nan
 
 
+def _locking(measurement: Measurement) -> dict[str, float]:
+    locking = measurement.locking
+    return {} if locking is None else {"pixel_locking_lines": locking.amplitude}
+
+
 def _mark(measurement: Measurement) -> dict[str, float]:
     mark = measurement.mark
     return {} if mark is None else {"reference_row": mark.row, "reference_column": mark.column}
@@ -334,6 +339,7 @@ def _provenance(
         "line_sagitta_mm": measurement.sagitta * _MM,
         "line_sagitta_std_mm": measurement.sagitta_std * _MM,
         "column_departures_std_deg": np.degrees(measurement.slope_doubt),
+        **_locking(measurement),
         **_mark(measurement),
         "rate_hz": measurement.recording.rate_hz,
         "exposure_s": measurement.recording.exposure_s,

@@ -20,6 +20,11 @@ def test_values_are_samples_times_scale_in_the_unit_asked_for():
     assert values.dtype == np.float64
 
 
+def test_temperatures_have_a_zero_of_their_own():
+    warm = channel("warm", np.array([368, 0], np.int16), units="degC", scale=0.1)
+    np.testing.assert_allclose(warm.values("K"), [309.95, 273.15], rtol=1e-12)
+
+
 def test_times_start_at_start_s():
     np.testing.assert_allclose(channel(start_s=-0.1).time_s, [-0.1, -0.09875, -0.0975])
     assert len(channel()) == 3

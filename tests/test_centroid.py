@@ -2,12 +2,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scenes import scene
 from scipy.optimize import brentq
 from synthetic import line_fields
 
-from glint_aoa.optical.bound import centre_information, pixel_variance, slope_std_bound
-from glint_aoa.optical.centroid import centroid_columns
-from glint_aoa.optical.detect import find_glint, used_columns
+from glint_aoa.optical.centroid import Centroid
+from glint_aoa.optical.columns import used_columns
+from glint_aoa.optical.detect import find_glint, find_lines
 from glint_aoa.setup import Glint
 
 
@@ -15,22 +16,24 @@ def measured(fields, glint=None, columns=None):
     glint = glint or Glint()
     shape = find_glint(fields, glint)
     columns = used_columns(fields.shape[2], glint.column_step) if columns is None else columns
-    return centroid_columns(fields, columns, shape), columns, shape
+    start = find_lines(fields, shape).rows(columns, shape)
+    return Centroid(shape).centres(fields, columns, start), columns, shape
 
 
 def slow_centroid(column, start, half_width, flank):
     """The same definition, its root found by SciPy."""
+    half = 0.92 * half_width
     row = np.arange(column.size)
     fine = (np.arange(column.size * 2000) + 0.5) / 2000 - 0.5
 
     def moment(centre):
         away = fine - centre
-        aside = (np.abs(away) > half_width) & (np.abs(away) <= half_width + flank)
+        aside = (np.abs(away) > half) & (np.abs(away) <= half + flank)
         grey = np.repeat(column.astype(float), 2000)
         above, below = (grey[aside & side].mean() for side in (away < 0, away > 0))
-        tilt = (below - above) / (2 * half_width + flank)
+        tilt = (below - above) / (2 * half + flank)
         t = row - centre
-        weight = np.where(np.abs(t) < half_width, np.cos(np.pi * t / (2 * half_width)) ** 2, 0)
+        weight = np.clip(1 - (t / half) ** 2, 0, None) ** 2
         return (weight * t * (column - (above + below) / 2 - tilt * t)).sum()
 
     return brentq(moment, start - 1, start + 1, xtol=1e-9)
@@ -83,18 +86,15 @@ def test_a_tilted_background_does_not_move_the_centre():
 
 
 def test_noise_is_near_the_bound():
-    n, sigma, peak = 600, 1.4, 160.0
-    rng = np.random.default_rng(2)
-    fields = line_fields(rng, n_fields=n, row=40.27, slope=0.003, sigma=sigma, peak=peak)
+    """Held against an efficient slope from the same fields, so 300 of them tell to 2 %."""
+    line = scene(row=20.27, slope=0.003, sigma=1.4, peak=160.0)
+    fields = line.fields(np.random.default_rng(2), 300)
     found, columns, _ = measured(fields)
     slopes = np.polyfit(columns, found.row.T, 1)[0]
-    row = np.arange(92)[:, None] - 40.27
-    image = 10 + peak * np.exp(-0.5 * (row / sigma) ** 2)
-    gradient = (image - 10) * row / sigma**2
-    variance = pixel_variance(image, read_noise=0.7, electrons_per_grey=40_000 / 255)
-    information = np.full(columns.size, centre_information(gradient, variance)[0])
-    ratio = slopes.std(ddof=1) / slope_std_bound(information, columns)
-    assert 0.95 < ratio < 1.1
+    efficient = line.efficient(fields, columns)
+    shared = np.corrcoef(slopes, efficient)[0, 1]
+    assert np.sqrt((1 - shared**2) / 300) < 0.02
+    assert 0.95 < slopes.std() / efficient.std() < 1.1
 
 
 def test_dark_glint_is_the_bright_one_turned_over():

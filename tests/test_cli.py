@@ -55,8 +55,12 @@ COMMANDS = {
     ),
     "correct": "glint-aoa correct point-01.h5 --setup glint-aoa.toml --out corrected",
     "benchmark": "glint-aoa benchmark points/*.h5 --setup glint-aoa.toml --out results",
+    "benchmark inertial": "glint-aoa benchmark inertial --out results",
     "simulate": "glint-aoa simulate demo --out points --jobs 2",
 }
+
+RUN_ALONE = ("demo", "benchmark inertial")
+"""Commands that need no arguments."""
 
 
 def channels(rng, angle_deg, shake):
@@ -180,13 +184,13 @@ def test_the_list_of_commands_is_not_cut_short_at_80_columns(glint_aoa, monkeypa
     _, out, _ = glint_aoa("--help")
     listed = out.partition("Commands:\n")[2].splitlines()
     assert [line.split()[0] for line in listed] == [
-        name for name in COMMANDS if name not in ("calibrate", "calibrate sweep")
+        name for name in COMMANDS if " " not in name and name != "calibrate"
     ] + ["calibrate"]
     assert all(line.endswith(".") and not line.endswith("...") for line in listed)
     assert max(map(len, out.splitlines())) <= 80
 
 
-@pytest.mark.parametrize("command", ["", *(name for name in COMMANDS if name != "demo")])
+@pytest.mark.parametrize("command", ["", *(name for name in COMMANDS if name not in RUN_ALONE)])
 def test_a_command_without_arguments_shows_its_help(glint_aoa, command):
     code, out, err = glint_aoa(*command.split())
     assert code == 2
@@ -291,6 +295,25 @@ def test_calibrate_sweep_says_how_to_apply_the_calibration(glint_aoa, here, poin
     code, out, err = glint_aoa("process", points / "sweep-3.h5", "-o", "res")
     assert (code, err) == (0, "")
     assert float(out.splitlines()[1].split()[2]) == pytest.approx(3, abs=0.001)
+
+
+def with_a_gap(path, to):
+    """Copy a point and lose three samples of its package's output."""
+    to.write_bytes(path.read_bytes())
+    with h5py.File(to, "a") as file:
+        file["das/aoa"][5000:5003] = np.nan
+    return to
+
+
+def test_sweep_and_benchmark_bridge_what_correct_bridges(glint_aoa, here, points):
+    sweep = [points / f"sweep-{number}.h5" for number in range(4)]
+    sweep[1] = with_a_gap(sweep[1], here / "sweep-1.h5")
+    assert glint_aoa("calibrate", "sweep", *sweep, "-o", "cal/sweep.toml")[0] == 0
+    run = [points / f"run-{number}.h5" for number in range(3)]
+    run[1] = with_a_gap(run[1], here / "run-1.h5")
+    code, out, _ = glint_aoa("benchmark", *run, "-o", "res")
+    assert code == 0
+    assert re.search(r"^yaw +inertial corrected +[+-]0\.00", out, re.MULTILINE)
 
 
 def test_correct_takes_the_bias_out_and_counts_the_rows_flagged(glint_aoa, here, points):

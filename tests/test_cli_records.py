@@ -133,15 +133,7 @@ def test_correct_bridges_a_short_gap(program, tmp_path, name):
     assert np.abs(rows["angle_deg"][settled] - 2.0).max() < 2e-3
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "aoa",
-        pytest.param(
-            "ay", marks=pytest.mark.xfail(reason="only the package's own gaps are flagged yet")
-        ),
-    ],
-)
+@pytest.mark.parametrize("name", CHANNELS)
 def test_correct_flags_where_it_bridged(program, tmp_path, name):
     rows = corrected_with_a_gap(program, tmp_path, name)
     bridged = (rows["flags"].astype(int) & Flag.GAP) > 0

@@ -127,6 +127,37 @@ def test_one_clipped_sample_flags_only_its_neighbourhood(record):
     assert flagged[-1] == pytest.approx(6 + 2.63, abs=0.05)
 
 
+@pytest.mark.parametrize("method", ["modal", "harmonic"])
+@pytest.mark.parametrize("level", [0.9, 0.6])
+def test_what_a_clipped_package_lost_is_in_the_uncertainty(method, level):
+    """The second harmonic is cut off on one side, which shifts the mean: no method sees that."""
+    source = rigid_body.record(rigid_body.sine(1, duration_s=12.0), rng=np.random.default_rng(7))
+    samples = source["aoa_unfiltered"].samples
+    middle, swing = float(np.mean(samples)), float(np.ptp(samples)) / 2
+    limits = (middle - swing * level, 0.5 * 9.80665)
+    given = changed(source, "aoa_unfiltered", samples=np.maximum(samples, limits[0]), limits=limits)
+    result = correct(given, setup_of(), method=method)
+    whole = correct(source, setup_of(), method=method)
+    assert np.all(result.flags & Flag.CLIPPED_CHANNEL)
+    shift = np.abs(result.raw_angle_deg - whole.raw_angle_deg)[result.settled]
+    assert np.min(shift) > 0.001
+    error, std = (each[result.settled] for each in (result.angle_deg, result.angle_std_deg))
+    assert np.max(np.abs(error) / std) < 1.96
+    assert np.all(std < 3 * shift + 2 * whole.angle_std_deg[result.settled])
+
+
+def test_a_package_clipped_for_long_leaves_its_angle_unknown(record):
+    samples = record["aoa_unfiltered"].samples.copy()
+    samples[4800:4880] = 2.0
+    given = changed(record, "aoa_unfiltered", samples=samples, limits=(-2.0, 2.0))
+    result = correct(given, setup_of())
+    unknown = np.isnan(result.angle_std_deg)
+    assert unknown[np.abs(result.time_s - 6.05) < 0.2].all()
+    assert not unknown[np.abs(result.time_s - 6.05) > 2.7].any()
+    assert np.all(result.flags[unknown] & Flag.CLIPPED_CHANNEL)
+    assert np.all(result.flags[unknown] & Flag.UNCERTAIN_CORRECTION)
+
+
 def test_noise_of_the_package_is_in_the_uncertainty():
     motion = rigid_body.sine(1, bias_deg=0.0, duration_s=60.0)
     source = rigid_body.record(motion, rng=np.random.default_rng(10), noise=(0.02, 1e-3))
@@ -151,8 +182,8 @@ def test_missing_accelerometers_are_named(record):
     message = (
         "rigid-body: the kinematic correction lacks two accelerometers along model y (yaw) at "
         "least 0.05 m apart and two accelerometers along model z (pitch) at least 0.05 m apart; "
-        "the modal correction lacks an accelerometer at the package along model y (yaw modes) and "
-        "model z (pitch modes)"
+        "the modal correction lacks an accelerometer at the package along model y (yaw) and "
+        "model z (pitch)"
     )
     with pytest.raises(InputError, match=re.escape(message)):
         correct(without(record, "ay_face", "az_face"), setup_of())
@@ -306,3 +337,17 @@ def test_auto_takes_the_most_certain_method_and_says_of_what_it_could_not_be(rec
     monkeypatch.setattr(module, "_METHODS", {"broken": module._METHODS["broken"]})
     with pytest.raises(RecordingError, match=r"^nothing to be had$"):
         correct(record, setup_of())
+
+
+def test_no_method_wins_by_overlooking_a_resonance_that_no_mode_lists(monkeypatch):
+    monkeypatch.setitem(rigid_body.TABLE, 7, ("yaw", 14.5, 0.3))
+    motion = rigid_body.together(
+        rigid_body.sine(1, duration_s=12.0), rigid_body.sine(7, duration_s=12.0, bias_deg=0.05)
+    )
+    record = rigid_body.record(motion, rng=np.random.default_rng(3))
+    result = correct(record, setup_of())
+    assert result.method == "harmonic"  # measures it
+    assert np.max(np.abs(result.angle_deg[result.settled])) < 0.002
+    assert "the modal correction is certain to 0.0" in result.why
+    modal = correct(record, setup_of(), method="modal")
+    assert abs(modal.angle_deg[modal.settled].mean()) > 0.02

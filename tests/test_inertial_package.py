@@ -63,8 +63,7 @@ def test_corrections_start_from_it():
 
 def test_a_temperature_in_volts_is_refused():
     message = (
-        "rigid-body: channel warm is in V, expected a temperature in K, kelvin, degC, degF, degR; "
-        "correct units in the record or the setup"
+        "channel warm: 'V' cannot be turned into 'K'; correct units in the record or the setup"
     )
     with pytest.raises(RecordingError, match=re.escape(message)):
         calibrated_output(record(units="V"), INERTIAL)

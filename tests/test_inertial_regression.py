@@ -14,7 +14,7 @@ from glint_aoa.flags import Flag
 from glint_aoa.inertial import regression
 from glint_aoa.inertial.filters import low_pass
 from glint_aoa.inertial.lateral import lateral_signals, resonances, sensor_per_accelerometer
-from glint_aoa.inertial.modes import TABLE_1
+from glint_aoa.inertial.modes import TABLE_1, Mode
 from glint_aoa.inertial.record_fit import regress
 from glint_aoa.setup import InertialFilter
 
@@ -228,10 +228,11 @@ def test_resonances_of_random_motion_and_none_of_noise():
 
 
 def test_an_accelerometer_on_the_point_of_rotation_is_refused():
-    assert sensor_per_accelerometer(0.8, 9.8, ahead_m=0.2, force=0.0) == pytest.approx(0.8)
+    mode = Mode(9, "yaw", 9.8, 0.8)
+    assert sensor_per_accelerometer(mode, 9.8, ahead_m=0.2, force=0.0) == pytest.approx(0.8)
     message = (
-        "a radius of 0.8 m puts the point of rotation within 1 mm of the accelerometer, which "
-        "cannot see the mode; use another station or leave the mode out"
+        "inertial.mode 9: its point of rotation lies within 1 mm of the accelerometer, which "
+        "cannot see it; use another station or leave the mode out"
     )
     with pytest.raises(InputError, match=re.escape(message)):
-        sensor_per_accelerometer(0.8, 9.8, ahead_m=-0.8, force=0.0)
+        sensor_per_accelerometer(mode, 9.8, ahead_m=-0.8, force=0.0)

@@ -90,3 +90,16 @@ def test_what_it_lacks_is_said():
     record = rigid_body.record(rigid_body.sine(1, duration_s=8.0))
     assert spectral.missing(task_of(record)).startswith("the mode of each plane")
     assert spectral.missing(task_of(record, TABLE_1)) is None
+
+
+def test_a_resonance_that_the_survey_does_not_list_is_named_and_counts(monkeypatch):
+    monkeypatch.setitem(rigid_body.TABLE, 7, ("yaw", 14.5, 0.3))
+    motion = rigid_body.together(
+        rigid_body.sine(1, duration_s=12.0), rigid_body.sine(7, duration_s=12.0, bias_deg=0.05)
+    )
+    record = rigid_body.record(motion, rng=np.random.default_rng(4))
+    estimate = spectral.estimate_bias(task_of(record, TABLE_1))
+    left, std = left_and_std(record, estimate)
+    assert np.abs(left.mean()) > 0.04
+    assert np.max(np.abs(left) / std) < 1.96
+    assert estimate.why.endswith("; no mode lists 14.5 Hz")

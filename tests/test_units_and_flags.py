@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from glint_aoa.flags import REJECTING, Flag, describe
-from glint_aoa.units import STANDARD_GRAVITY, convert, parse_quantity
+from glint_aoa.units import STANDARD_GRAVITY, conversion, convert, parse_quantity
 
 
 @pytest.mark.parametrize(
@@ -28,6 +28,20 @@ def test_conversion_of_moments():
     assert convert("in*lbf", "N*m") == pytest.approx(0.1129848290276167, rel=1e-12)
     with pytest.raises(ValueError, match=re.escape("'m' cannot be turned into 's'")):
         convert("m", "s")
+
+
+@pytest.mark.parametrize(
+    ("unit", "reading", "kelvin"), [("degC", 36.85, 310.0), ("degF", 98.33, 310.0), ("K", 4.0, 4.0)]
+)
+def test_temperatures_have_a_zero_of_their_own(unit, reading, kelvin):
+    factor, offset = conversion(unit, "K")
+    assert factor * reading + offset == pytest.approx(kelvin, abs=1e-9)
+
+
+def test_a_factor_alone_turns_no_celsius_into_kelvins():
+    assert convert("degC", "degC") == 1.0
+    with pytest.raises(ValueError, match="'degC' and 'K' differ in their zeros"):
+        convert("degC", "K")
 
 
 @given(st.text(max_size=12))

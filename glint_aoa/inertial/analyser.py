@@ -14,7 +14,8 @@ import scipy.signal
 from numpy.typing import NDArray
 
 from glint_aoa.errors import InputError, RecordingError
-from glint_aoa.inertial.channels import check_same_clock
+from glint_aoa.inertial.channels import check_same_clock, finite
+from glint_aoa.inertial.coherence import independent_averages
 from glint_aoa.records.acquisition import AcquisitionRecord, Channel
 
 __all__ = [
@@ -131,7 +132,10 @@ def averaged_spectra(
     signals = np.array([_signal(record, channel) for channel in channels])
     frequency, density = scipy.signal.welch(signals, rate, nperseg=segment)
     return AveragedSpectra(
-        np.asarray(frequency), np.asarray(density), channels, _averages(len(channels[0]), segment)
+        np.asarray(frequency),
+        np.asarray(density),
+        channels,
+        independent_averages(len(channels[0]), segment),
     )
 
 
@@ -205,7 +209,7 @@ def frequency_responses(
         coherence=np.nan_to_num(np.clip(coherence, 0.0, 1.0)),
         reference=first,
         channels=tuple(others),
-        averages=_averages(len(first), segment),
+        averages=independent_averages(len(first), segment),
     )
 
 
@@ -225,21 +229,4 @@ def _segment(channel: Channel, segment_s: float) -> int:
 
 
 def _signal(record: AcquisitionRecord, channel: Channel) -> _Floats:
-    values = np.asarray(channel.samples, np.float64) * channel.scale
-    bad = np.flatnonzero(~np.isfinite(values))
-    if bad.size:
-        raise RecordingError(
-            f"{record.name}: channel {channel.name} has {bad.size} samples that are not finite, "
-            f"the first at {channel.start_s + bad[0] / channel.rate_hz:.3f} s; cut the record to "
-            "a stretch without them"
-        )
-    return values
-
-
-def _averages(samples: int, segment: int) -> float:
-    """Independent segments among half-overlapped Hann windows, which share 1/36 of their power.
-
-    Welch 1967, IEEE Trans. Audio Electroacoust. 15(2), 70-73.
-    """
-    count = 1 + (samples - segment) // (segment - segment // 2)
-    return count / (1 + 2 / 36 * (count - 1) / count)
+    return finite(record, channel, np.asarray(channel.samples, np.float64) * channel.scale)

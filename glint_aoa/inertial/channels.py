@@ -1,5 +1,6 @@
 """The channels that a correction needs, chosen from a record and turned into SI units."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
 
@@ -7,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glint_aoa.errors import RecordingError
-from glint_aoa.inertial.modes import Plane
+from glint_aoa.inertial.modes import AXIS_OF_PLANE, Plane
 from glint_aoa.inertial.sensor import axial_specific_force
 from glint_aoa.records.acquisition import AcquisitionRecord, Channel
 from glint_aoa.units import convert
@@ -18,13 +19,14 @@ __all__ = [
     "accelerometers",
     "check_same_clock",
     "companions",
+    "finite",
     "package_output",
     "stations_missing",
     "tangential",
+    "tangential_missing",
 ]
 
 _LEAST_BASELINE_M = 0.05
-_AXIS_OF_PLANE: dict[Plane, str] = {"yaw": "y", "pitch": "z"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +128,7 @@ def tangential(
         return None
     channel = min(found, key=lambda each: abs(_ahead(each, package.channel)))
     check_same_clock(record, package.channel, channel)
-    values = _finite(record, channel, channel.values("m/s^2"))
+    values = finite(record, channel, channel.values("m/s^2"))
     return Accelerometer(channel, values, _ahead(channel, package.channel))
 
 
@@ -194,7 +196,7 @@ def accelerometers(
     for channel in _of_plane(record, plane):
         if channel.station_m is None or not _same_clock(channel, package.channel):
             continue
-        sign = -1.0 if channel.axis == f"-{_AXIS_OF_PLANE[plane]}" else 1.0
+        sign = -1.0 if channel.axis == f"-{AXIS_OF_PLANE[plane]}" else 1.0
         values = sign * channel.values("m/s^2")
         useless = int(np.count_nonzero(channel.clipped | ~np.isfinite(values)))
         station = round(channel.station_m, 3)
@@ -216,7 +218,7 @@ def stations_missing(record: AcquisitionRecord, plane: Plane, package: PackageOu
     if found and found[0].ahead_m - found[-1].ahead_m >= _LEAST_BASELINE_M:
         return None
     in_plane = _of_plane(record, plane)
-    along = f"along model {_AXIS_OF_PLANE[plane]} ({plane})"
+    along = f"along model {AXIS_OF_PLANE[plane]} ({plane})"
     if not in_plane:
         return f"two accelerometers {along} at least {_LEAST_BASELINE_M:g} m apart"
     unplaced = [
@@ -231,6 +233,43 @@ def stations_missing(record: AcquisitionRecord, plane: Plane, package: PackageOu
         f"a second accelerometer {along} at least {_LEAST_BASELINE_M:g} m from "
         f"{found[0].channel.name}"
     )
+
+
+def tangential_missing(
+    record: AcquisitionRecord, planes: Iterable[Plane], package: PackageOutput
+) -> str | None:
+    """Say in which planes `tangential` finds no accelerometer, or None if it finds all.
+
+    Returns
+    -------
+    str or None
+        The missing channels, as the end of a sentence.
+    """
+    absent = [plane for plane in planes if tangential(record, plane, package) is None]
+    if not absent:
+        return None
+    axes = " and ".join(f"model {AXIS_OF_PLANE[plane]} ({plane})" for plane in absent)
+    return f"an accelerometer at the package along {axes}"
+
+
+def finite(
+    record: AcquisitionRecord, channel: Channel, values: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return values [sample] of a channel unless some of them are missing.
+
+    Raises
+    ------
+    RecordingError
+        If one is not finite; the message says how many, and where the first is.
+    """
+    bad = np.flatnonzero(~np.isfinite(values))
+    if bad.size:
+        raise RecordingError(
+            f"{record.name}: channel {channel.name} has {bad.size} samples that are not finite, "
+            f"the first at {channel.start_s + bad[0] / channel.rate_hz:.3f} s; cut the record to "
+            "a stretch without them"
+        )
+    return values
 
 
 def check_same_clock(record: AcquisitionRecord, first: Channel, second: Channel) -> None:
@@ -254,7 +293,7 @@ def check_same_clock(record: AcquisitionRecord, first: Channel, second: Channel)
 
 
 def _of_plane(record: AcquisitionRecord, plane: Plane) -> list[Channel]:
-    letter = _AXIS_OF_PLANE[plane]
+    letter = AXIS_OF_PLANE[plane]
     return [
         channel
         for channel in record.with_quantity("acceleration")
@@ -284,7 +323,7 @@ def _axial(record: AcquisitionRecord, channel: Channel) -> NDArray[np.float64]:
             "an acceleration (g_0, m/s^2) or an angle (deg, rad); correct units in the record or "
             "the setup"
         )
-    return sign * _finite(record, channel, values)
+    return sign * finite(record, channel, values)
 
 
 @cache  # a unit that does not fit is an exception, which holds its callers' arrays for a while
@@ -296,16 +335,3 @@ def _measures(units: str | None, unit: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-def _finite(
-    record: AcquisitionRecord, channel: Channel, values: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    bad = np.flatnonzero(~np.isfinite(values))
-    if bad.size:
-        raise RecordingError(
-            f"{record.name}: channel {channel.name} has {bad.size} samples that are not finite, "
-            f"the first at {channel.start_s + bad[0] / channel.rate_hz:.3f} s; cut the record to "
-            "a stretch without them"
-        )
-    return values

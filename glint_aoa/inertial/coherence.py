@@ -137,6 +137,24 @@ def cross_spectra(
     frequency, cross = scipy.signal.csd(q, y, rate_hz, nperseg=segment)
     _, first_power = scipy.signal.welch(q, rate_hz, nperseg=segment)
     _, second_power = scipy.signal.welch(y, rate_hz, nperseg=segment)
-    segments = 1 + (q.size - segment) // (segment - segment // 2)
-    averages = segments / (1 + (segments - 1) / (18 * segments))
+    averages = independent_averages(q.size, segment)
     return CrossSpectra(frequency, first_power, second_power, cross, averages)
+
+
+def independent_averages(samples: int, segment: int) -> float:
+    """Count the independent segments among half-overlapped Hann windows, which share 1/36 of power.
+
+    Welch 1967, IEEE Trans. Audio Electroacoust. 15(2), 70-73.
+
+    Parameters
+    ----------
+    samples, segment : int
+        Samples of the record and of a segment.
+
+    Returns
+    -------
+    float
+        Number of segments that would scatter as little without overlap.
+    """
+    count = 1 + (samples - segment) // (segment - segment // 2)
+    return count / (1 + 2 / 36 * (count - 1) / count)

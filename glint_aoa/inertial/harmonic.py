@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from glint_aoa.inertial.channels import Accelerometer, tangential
 from glint_aoa.inertial.estimate import BiasEstimate, CorrectionTask
 from glint_aoa.inertial.lateral import Resonance, integral_square, resonances
-from glint_aoa.inertial.modes import Plane
+from glint_aoa.inertial.modes import PLANES, Plane
 
 __all__ = [
     "BANDWIDTH_HZ",
@@ -30,7 +30,6 @@ __all__ = [
 
 _Floats = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
-_PLANES: tuple[Plane, ...] = ("yaw", "pitch")
 
 _SIGNIFICANT = 3.0  # standard deviations: a line that is used
 _HANN_BINS = 1.5  # neighbouring bins that one independent value of a Hann spectrum fills
@@ -124,7 +123,7 @@ def missing(task: CorrectionTask) -> str | None:
     """
     if task.package.is_filtered:
         return "the package's unfiltered output, which alone shows second harmonics"
-    if all(tangential(task.record, plane, task.package) is None for plane in _PLANES):
+    if all(tangential(task.record, plane, task.package) is None for plane in PLANES):
         return "an accelerometer at the package along model y or z"
     return None
 
@@ -243,7 +242,7 @@ def _surveyed(task: CorrectionTask, plane: Plane, resonance: Resonance) -> float
 
 
 def _sensors(task: CorrectionTask) -> dict[Plane, Accelerometer]:
-    found = {plane: tangential(task.record, plane, task.package) for plane in _PLANES}
+    found = {plane: tangential(task.record, plane, task.package) for plane in PLANES}
     return {plane: sensor for plane, sensor in found.items() if sensor is not None}
 
 

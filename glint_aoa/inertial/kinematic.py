@@ -34,14 +34,13 @@ from glint_aoa.flags import Flag
 from glint_aoa.inertial.channels import stations_missing
 from glint_aoa.inertial.estimate import BiasEstimate, CorrectionTask
 from glint_aoa.inertial.filters import low_pass
-from glint_aoa.inertial.modes import Mode, Plane
+from glint_aoa.inertial.modes import PLANES, Mode, Plane
 from glint_aoa.inertial.motion import PlaneMotion, plane_motions
 from glint_aoa.units import STANDARD_GRAVITY
 
 __all__ = ["BRIDGE_STD", "estimate_bias", "missing"]
 
 _Floats = NDArray[np.float64]
-_PLANES: tuple[Plane, ...] = ("yaw", "pitch")
 
 _SETTLING_S = 1.0
 """The lower flank of the integration's band, 4 Hz wide, remembers four periods of that."""
@@ -131,7 +130,7 @@ def estimate_bias(task: CorrectionTask) -> BiasEstimate:
 
 def _planes(task: CorrectionTask) -> list[Plane]:
     listed = {mode.plane for mode in task.modes}
-    return [plane for plane in _PLANES if not listed or plane in listed]
+    return [plane for plane in PLANES if not listed or plane in listed]
 
 
 def _error_terms(task: CorrectionTask, motion: PlaneMotion) -> list[_Floats]:
@@ -145,7 +144,7 @@ def _error_terms(task: CorrectionTask, motion: PlaneMotion) -> list[_Floats]:
 
 
 def _bridging_terms(motion: PlaneMotion) -> list[_Floats]:
-    """What was restored, for each sensor, and draws of what all of them may have been instead."""
+    """Return what was restored of each sensor, and draws of what all may have been instead."""
     sensitive = [(repair, motion.sensitivity[repair.sensor]) for repair in motion.repairs]
     if not sensitive:
         return []

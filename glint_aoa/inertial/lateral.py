@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from glint_aoa.errors import InputError
 from glint_aoa.inertial.estimate import CorrectionTask
 from glint_aoa.inertial.filters import integrate_band
-from glint_aoa.inertial.modes import Plane
+from glint_aoa.inertial.modes import Mode, Plane
 from glint_aoa.records.acquisition import Channel
 from glint_aoa.units import convert
 
@@ -28,6 +28,7 @@ __all__ = [
     "lateral_signals",
     "resonances",
     "sensor_per_accelerometer",
+    "tipping_m",
 ]
 
 _Floats = NDArray[np.float64]
@@ -171,7 +172,7 @@ def integral_square(samples: ArrayLike, rate_hz: float, resonance: Resonance) ->
 
 
 def sensor_per_accelerometer(
-    radius_m: float, frequency_hz: float, *, ahead_m: float, force: float
+    mode: Mode, frequency_hz: float, *, ahead_m: float, force: float
 ) -> float:
     """Velocity of the package over the integral of what an accelerometer near it shows.
 
@@ -180,10 +181,10 @@ def sensor_per_accelerometer(
 
     Parameters
     ----------
-    radius_m : float
-        Effective radius rho of the mode [m].
+    mode : Mode
+        The mode, for its effective radius rho.
     frequency_hz : float
-        Its frequency [Hz].
+        Where it answers [Hz].
     ahead_m : float
         Distance d from the package forward to the accelerometer [m].
     force : float
@@ -199,14 +200,19 @@ def sensor_per_accelerometer(
     InputError
         If the point of rotation lies within 1 mm of the accelerometer, which cannot see the mode.
     """
-    arm = radius_m + ahead_m + force / (2 * np.pi * frequency_hz) ** 2
+    arm = mode.radius_m + ahead_m + tipping_m(frequency_hz, force)
     if abs(arm) < _LEAST_ARM_M:
         raise InputError(
-            f"a radius of {radius_m:g} m puts the point of rotation within "
-            f"{1e3 * _LEAST_ARM_M:g} mm of the accelerometer, which cannot see the mode; use "
-            "another station or leave the mode out"
+            f"inertial.mode {mode.number}: its point of rotation lies within "
+            f"{1e3 * _LEAST_ARM_M:g} mm of the accelerometer, which cannot see it; use another "
+            "station or leave the mode out"
         )
-    return radius_m / arm
+    return mode.radius_m / arm
+
+
+def tipping_m(frequency_hz: float, force: float) -> float:
+    """Length that tipping in gravity adds to the arm of an accelerometer, A / w^2 [m]."""
+    return force / (2 * np.pi * frequency_hz) ** 2
 
 
 def _signal(task: CorrectionTask, kind: SourceKind, plane: Plane) -> LateralSignal | None:

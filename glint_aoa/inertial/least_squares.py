@@ -115,39 +115,38 @@ def fit_line(
     spread = np.array([column[chosen].std() for column in columns])
     varies = spread > 1e-9 * np.abs(centre)
     scale = np.where(varies, spread, 1.0)
-    design = np.stack(
-        [np.ones(y.size)]
-        + [
-            np.where(v, (c - m) / s, 0.0)
-            for c, m, s, v in zip(columns, centre, scale, varies, strict=True)
-        ],
-        axis=1,
-    )
+    standard = [
+        np.where(v, (c - m) / s, 0.0)
+        for c, m, s, v in zip(columns, centre, scale, varies, strict=True)
+    ]
+    design = np.stack([np.ones(y.size), *standard], axis=1)
     inverse = np.linalg.pinv(design[chosen].T @ design[chosen])
     solution = inverse @ (design[chosen].T @ y[chosen])
     residual = y - design @ solution
-    scores = design[chosen] * residual[chosen, None]
-    independent = INDEPENDENT_HZ * len(scores) / rate_hz
-    lost = independent / max(independent - design.shape[1], 1.0)
-    sandwich = lost * inverse @ _long_run(scores, rate_hz) @ inverse
+    sandwich = _sandwich(inverse, design[chosen] * residual[chosen, None], rate_hz)
     covariance = sandwich[1:, 1:] / np.outer(scale, scale)
     covariance[~varies, :] = covariance[:, ~varies] = 0.0
     covariance[~varies, ~varies] = np.inf
-    coefficient = solution[1:] / scale
-    kept = np.where(varies, centre / scale, 0.0)
-    to_intercept = np.concatenate([[1.0], -kept])
+    to_intercept = np.concatenate([[1.0], -np.where(varies, centre / scale, 0.0)])
     left = float(np.sum(residual[chosen] ** 2))
     total = float(np.sum((y[chosen] - y[chosen].mean()) ** 2))
     freedom = np.count_nonzero(chosen) - 1 - len(columns)
     return LinearFit(
         intercept=float(to_intercept @ solution),
-        coefficient=coefficient,
+        coefficient=solution[1:] / scale,
         covariance=covariance,
         intercept_std=float(np.sqrt(to_intercept @ sandwich @ to_intercept)),
         residual=residual,
         standard_error=float(np.sqrt(left / freedom)),
         explained=1 - left / total if total > 0 else 0.0,
     )
+
+
+def _sandwich(inverse: _Floats, scores: _Floats, rate_hz: float) -> _Floats:
+    """Covariance of the solution from the scores [sample, parameter], widened for the fit."""
+    independent = INDEPENDENT_HZ * len(scores) / rate_hz
+    lost = independent / max(independent - scores.shape[1], 1.0)
+    return np.asarray(lost * inverse @ _long_run(scores, rate_hz) @ inverse)
 
 
 def _long_run(scores: _Floats, rate_hz: float) -> _Floats:

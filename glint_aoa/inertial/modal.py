@@ -15,39 +15,31 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from glint_aoa.errors import InputError
 from glint_aoa.inertial.channels import (
     Accelerometer,
     PackageOutput,
     companions,
     tangential,
+    tangential_missing,
 )
 from glint_aoa.inertial.consistency import shown_by_package
 from glint_aoa.inertial.estimate import BiasEstimate, CorrectionTask
 from glint_aoa.inertial.filters import filter_spectrum
-from glint_aoa.inertial.modes import Mode, Plane
+from glint_aoa.inertial.lateral import sensor_per_accelerometer, tipping_m
+from glint_aoa.inertial.modes import CREDIBLE_TURN, PLANES, Mode
 from glint_aoa.inertial.receptance import Receptances, fit_receptances
 from glint_aoa.inertial.separation import Share, separate
 from glint_aoa.inertial.spectrum import PlaneSpectrum
 from glint_aoa.inertial.turning import turning_per_acceleration
 from glint_aoa.inertial.unlisted import named_unlisted, unlisted_resonances, unlisted_terms
-from glint_aoa.units import STANDARD_GRAVITY
 
 __all__ = ["estimate_bias", "missing"]
 
 _Floats = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
-_PLANES: tuple[Plane, ...] = ("yaw", "pitch")
-_AXIS = {"yaw": "y", "pitch": "z"}
 
 _SETTLING_S = 1.0
 """A resonance is cut out at least 2 Hz wide; its cut remembers two periods of that."""
-
-_LEAST_ARM_M = 1e-3
-
-_CREDIBLE_TURN = np.radians(1.0)
-"""Amplitude of rotation of a single mode that is not believed [rad]; the paper's largest moments
-turn the model by 0.3 deg."""
 
 _CONTRADICTION = 0.25
 """Relative difference of two inverse radii beyond which the survey's is not believed."""
@@ -97,12 +89,8 @@ def missing(task: CorrectionTask) -> str | None:
     """
     if not task.modes:
         return "modes: list each vibration mode as [[inertial.mode]] in the setup"
-    planes = [plane for plane in _PLANES if any(mode.plane == plane for mode in task.modes)]
-    absent = [plane for plane in planes if tangential(task.record, plane, task.package) is None]
-    if absent:
-        axes = " and ".join(f"model {_AXIS[plane]} ({plane} modes)" for plane in absent)
-        return f"an accelerometer at the package along {axes}"
-    return None
+    planes = [plane for plane in PLANES if any(mode.plane == plane for mode in task.modes)]
+    return tangential_missing(task.record, planes, task.package)
 
 
 def estimate_bias(task: CorrectionTask) -> BiasEstimate:
@@ -139,17 +127,17 @@ def estimate_bias(task: CorrectionTask) -> BiasEstimate:
     out, as in eq. 8, elsewhere.
     """
     record, package, relative_std = task.record, task.package, task.relative_std
-    sine = float(np.clip(np.mean(package.specific_force) / STANDARD_GRAVITY, -1.0, 1.0))
+    force = float(np.mean(package.specific_force))
     found: list[_PlaneBias] = []
     channels = []
-    for plane in _PLANES:
+    for plane in PLANES:
         in_plane = tuple(mode for mode in task.modes if mode.plane == plane)
         sensor = tangential(record, plane, package) if in_plane else None
         if sensor is None:
             continue
         channels.append(sensor.channel)
         others = companions(record, plane, package, sensor)
-        found.append(_plane_bias(package, sensor, others, in_plane, sine, relative_std))
+        found.append(_plane_bias(package, sensor, others, in_plane, force, relative_std))
     credited = sorted(number for plane in found for number in plane.credited)
     turned = {number: radius for plane in found for number, radius in plane.turned_m.items()}
     denied = {number: part for plane in found for number, part in plane.denied.items()}
@@ -196,7 +184,7 @@ def _plane_bias(
     sensor: Accelerometer,
     others: list[Accelerometer],
     modes: tuple[Mode, ...],
-    sine: float,
+    force: float,
     relative_std: float,
 ) -> _PlaneBias:
     spectrum = PlaneSpectrum.of(sensor.acceleration, sensor.channel.rate_hz, modes)
@@ -208,9 +196,9 @@ def _plane_bias(
     )
     if receptances is None:
         shares = separate(spectrum, modes)
-        found = _from_shares(package, sensor, others, shares, sine, relative_std)
+        found = _from_shares(package, sensor, others, shares, force, relative_std)
     else:
-        found = _from_receptances(sensor, modes, spectrum, receptances, sine, relative_std)
+        found = _from_receptances(sensor, modes, spectrum, receptances, force, relative_std)
     unlisted = unlisted_resonances(spectrum)
     terms = unlisted_terms(package, sensor, modes, unlisted)
     return replace(found, std_terms=[*found.std_terms, *terms], unlisted_hz=unlisted)
@@ -221,12 +209,12 @@ def _from_shares(
     sensor: Accelerometer,
     others: list[Accelerometer],
     shares: list[Share],
-    sine: float,
+    force: float,
     relative_std: float,
 ) -> _PlaneBias:
     """Sum the squares of velocities that share the power of the plane."""
     surveyed = [share.mode for share in shares]
-    shares = [_as_it_turns(share, sensor, others, sine) for share in shares]
+    shares = [_as_it_turns(share, sensor, others, force) for share in shares]
     turned = {
         share.mode.number: share.mode.radius_m
         for mode, share in zip(surveyed, shares, strict=True)
@@ -238,7 +226,9 @@ def _from_shares(
     speeds: list[_Floats] = []
     parts: list[_ShareBias] = []
     for share, own, foreign in zip(shares, velocities, velocities[len(shares) :], strict=False):
-        arm = _arm_factor(share.mode, share.frequency_hz, sensor.ahead_m, sine)
+        arm = sensor_per_accelerometer(
+            share.mode, share.frequency_hz, ahead_m=sensor.ahead_m, force=force
+        )
         speeds.append(arm * own)
         parts.append(_share_bias(package, share, own, foreign, arm=arm, gain_std=relative_std))
         if share.mode.number in turned and parts[-1].is_believed:
@@ -292,7 +282,7 @@ def _share_bias(
         return _ShareBias(part * addition, [abs(shown) * addition], shown=part)
     if not _turns_credibly(arm * own, share):
         # V * omega with a rate of turning that is not known, but within what is credible
-        unknown = _CREDIBLE_TURN * 2 * np.pi * share.frequency_hz * np.abs(own)
+        unknown = CREDIBLE_TURN * 2 * np.pi * share.frequency_hz * np.abs(own)
         return _ShareBias(np.zeros_like(own), [unknown])
     leak = share.foreign_std * factor * foreign**2
     return _ShareBias(
@@ -316,12 +306,12 @@ def _shown_instead(package: PackageOutput, addition: _Floats, share: Share) -> c
 
 
 def _as_it_turns(
-    share: Share, sensor: Accelerometer, others: list[Accelerometer], sine: float
+    share: Share, sensor: Accelerometer, others: list[Accelerometer], force: float
 ) -> Share:
     """Take a mode's radius from the accelerometers where they contradict the survey's."""
     if not share.credited or not others:
         return share
-    tipping = _tipping(share.frequency_hz, sine)
+    tipping = tipping_m(share.frequency_hz, force)
     surveyed = 1 / (share.mode.radius_m + sensor.ahead_m + tipping)
     measured = turning_per_acceleration(sensor, others, share.frequency_hz)
     if abs(measured - surveyed) <= _CONTRADICTION * abs(surveyed):
@@ -340,11 +330,6 @@ def _baseline(sensor: Accelerometer, others: list[Accelerometer]) -> float:
     return max(abs(other.ahead_m - sensor.ahead_m) for other in others)
 
 
-def _tipping(frequency_hz: float, sine: float) -> float:
-    """Length that tipping in gravity adds to the arm of an accelerometer [m]."""
-    return STANDARD_GRAVITY * sine / (2 * np.pi * frequency_hz) ** 2
-
-
 def _turns_credibly(speed: _Floats, share: Share) -> bool:
     """Whether the turning that the mode's radius implies is one that a sting allows.
 
@@ -353,7 +338,7 @@ def _turns_credibly(speed: _Floats, share: Share) -> bool:
     tell, but the turning that the small radius would imply can.
     """
     arm = abs(share.mode.radius_m) * 2 * np.pi * share.frequency_hz
-    return bool(np.sqrt(2 * np.mean(speed**2)) <= _CREDIBLE_TURN * arm)
+    return bool(np.sqrt(2 * np.mean(speed**2)) <= CREDIBLE_TURN * arm)
 
 
 def _from_receptances(
@@ -361,7 +346,7 @@ def _from_receptances(
     modes: tuple[Mode, ...],
     spectrum: PlaneSpectrum,
     receptances: Receptances,
-    sine: float,
+    force: float,
     relative_std: float,
 ) -> _PlaneBias:
     """Multiply velocity and angular rate of the plane, both summed over its modes.
@@ -384,7 +369,8 @@ def _from_receptances(
     parts = filter_spectrum(sensor.acceleration, sensor.channel.rate_hz, responses)
     velocities, rates = [], []
     for mode, frequency, velocity in zip(modes, receptances.frequency_hz, parts, strict=True):
-        velocities.append(velocity * _arm_factor(mode, frequency, sensor.ahead_m, sine))
+        arm = sensor_per_accelerometer(mode, frequency, ahead_m=sensor.ahead_m, force=force)
+        velocities.append(arm * velocity)
         rates.append(velocities[-1] / mode.radius_m)
     credited = receptances.credited
     total = np.sum(np.array(velocities)[credited], axis=0)
@@ -408,19 +394,6 @@ def _from_receptances(
         credited=[mode.number for mode, use in zip(modes, credited, strict=True) if use],
         how="receptances",
     )
-
-
-def _arm_factor(mode: Mode, frequency_hz: float, ahead_m: float, sine: float) -> float:
-    """Velocity of the sensor over the integral of what the accelerometer shows."""
-    radius = mode.radius_m
-    arm = radius + ahead_m + _tipping(frequency_hz, sine)
-    if abs(arm) < _LEAST_ARM_M:
-        raise InputError(
-            f"inertial.mode {mode.number}: its point of rotation lies within "
-            f"{1e3 * _LEAST_ARM_M:g} mm of the accelerometer, which cannot see it; use another "
-            "station or leave the mode out"
-        )
-    return radius / arm
 
 
 def _velocity(gain: Callable[[_Floats], _Floats | _Complex]) -> Callable[[_Floats], _Complex]:

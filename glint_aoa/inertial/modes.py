@@ -5,7 +5,7 @@ Technique", figures 3 and 4): a straight line through the fuselage's coefficient
 point of rotation, the distance from there forward to the sensor the radius.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -17,6 +17,9 @@ from glint_aoa.errors import InputError
 from glint_aoa.setup import Inertial
 
 __all__ = [
+    "AXIS_OF_PLANE",
+    "CREDIBLE_TURN",
+    "PLANES",
     "TABLE_1",
     "Mode",
     "ModeShape",
@@ -28,6 +31,15 @@ __all__ = [
 ]
 
 Plane = Literal["yaw", "pitch"]
+
+PLANES: tuple[Plane, ...] = ("yaw", "pitch")
+
+AXIS_OF_PLANE: Mapping[Plane, str] = {"yaw": "y", "pitch": "z"}
+"""Model axis along which the model moves in each plane."""
+
+CREDIBLE_TURN = float(np.radians(1.0))
+"""Amplitude of rotation of a single mode beyond which it is not believed [rad]; the paper's largest
+moments turn the model by 0.3 deg."""
 
 _Floats = NDArray[np.float64]
 

@@ -11,24 +11,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glint_aoa.errors import RecordingError
-from glint_aoa.inertial.channels import Accelerometer, tangential
+from glint_aoa.inertial.channels import Accelerometer, tangential, tangential_missing
 from glint_aoa.inertial.estimate import BiasEstimate, CorrectionTask
 from glint_aoa.inertial.filters import integrate_band
-from glint_aoa.inertial.lateral import sensor_per_accelerometer
-from glint_aoa.inertial.modes import Mode, Plane
+from glint_aoa.inertial.lateral import sensor_per_accelerometer, tipping_m
+from glint_aoa.inertial.modes import CREDIBLE_TURN, PLANES, Mode, Plane
 from glint_aoa.inertial.record_fit import regress
 
 __all__ = ["TunedRadius", "estimate_bias", "missing", "tune"]
 
 _Floats = NDArray[np.float64]
-_PLANES: tuple[Plane, ...] = ("yaw", "pitch")
-_AXIS = {"yaw": "y", "pitch": "z"}
 
 _LOWEST = 0.5  # of the mode's frequency: below is drift
 _HIGHEST_HZ = 60.0
 _OWN_BAND = 0.15  # of the mode's frequency: what counts as its motion
-_CREDIBLE_TURN = np.radians(1.0)
-"""Amplitude of rotation that a mode without a known radius is granted [rad]."""
 
 _SIGNIFICANT = 3.0  # standard errors
 
@@ -75,13 +71,7 @@ def missing(task: CorrectionTask) -> str | None:
     modes = _modes(task)
     if not modes:
         return "the mode of each plane: list it as [[inertial.mode]] in the setup"
-    absent = [
-        mode.plane for mode in modes if tangential(task.record, mode.plane, task.package) is None
-    ]
-    if absent:
-        axes = " and ".join(f"model {_AXIS[plane]} ({plane})" for plane in absent)
-        return f"an accelerometer at the package along {axes}"
-    return None
+    return tangential_missing(task.record, [mode.plane for mode in modes], task.package)
 
 
 def estimate_bias(task: CorrectionTask) -> BiasEstimate:
@@ -167,7 +157,7 @@ def tune(
     ahead = station - own if station is not None and own is not None else 0.0
     frequency = term.resonance.frequency_hz
     force = float(np.mean(task.package.specific_force))
-    longer = ahead + force / (2 * np.pi * frequency) ** 2
+    longer = ahead + tipping_m(frequency, force)
     radius = _radius(-coefficient, longer)
     return TunedRadius(
         plane, frequency, radius, std / coefficient**2, explained=found.fit.explained
@@ -184,7 +174,7 @@ def _modes(task: CorrectionTask) -> list[Mode]:
     """Lowest mode of each plane."""
     return [
         next(mode for mode in task.modes if mode.plane == plane)
-        for plane in _PLANES
+        for plane in PLANES
         if any(mode.plane == plane for mode in task.modes)
     ]
 
@@ -194,7 +184,7 @@ def _plane_bias(
 ) -> tuple[_Floats, list[_Floats]]:
     rate_hz, centre = sensor.channel.rate_hz, mode.frequency_hz
     force = float(np.mean(task.package.specific_force))
-    ratio = sensor_per_accelerometer(mode.radius_m, centre, ahead_m=sensor.ahead_m, force=force)
+    ratio = sensor_per_accelerometer(mode, centre, ahead_m=sensor.ahead_m, force=force)
     highest = max(min(_HIGHEST_HZ, 0.4 * rate_hz), 1.5 * centre)
     whole = ratio * integrate_band(
         sensor.acceleration, rate_hz, low_hz=_LOWEST * centre, high_hz=highest
@@ -222,4 +212,4 @@ def _foreign(
     if speed == 0:
         return []
     circular = float(np.sqrt(np.mean((np.diff(other) * rate_hz) ** 2))) / speed
-    return [_CREDIBLE_TURN * circular * np.abs(other)]
+    return [CREDIBLE_TURN * circular * np.abs(other)]

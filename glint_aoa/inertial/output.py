@@ -146,9 +146,10 @@ class FilteredOutput:
         bridged = None if self.package.is_filtered else bridge(force, clipped, self.rate_hz)
         if bridged is None:
             around = np.abs(self.low_pass(clipped.astype(float))) > _REMEMBERED
-            return np.where(around | clipped, np.inf, 0.0)
+            return np.asarray(np.where(around | clipped, np.inf, 0.0))
         lost = self.low_pass(bridged.samples - force) ** 2
-        return lost + np.mean([self.low_pass(draw) ** 2 for draw in bridged.draws], axis=0)
+        draws = np.mean([self.low_pass(draw) ** 2 for draw in bridged.draws], axis=0)
+        return np.asarray(lost + draws)
 
     def _at(self, rows_s: _Floats, samples: _Floats) -> _Floats:
         return np.interp(rows_s, self.time_s, samples)

@@ -12,6 +12,7 @@ A sine or independent forces do not pass that test.
 
 import itertools
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -145,7 +146,7 @@ class _Problem:
 
     def solve(self, signs: _Floats) -> Receptances:
         n = self.peaks.size
-        start = self._start()
+        start = self._start.copy()
         start[2 * n : 3 * n] = signs
         found = scipy.optimize.least_squares(
             self.residual, start, jac=self.jacobian, method="lm", ftol=1e-4, xtol=1e-4, max_nfev=40
@@ -166,7 +167,7 @@ class _Problem:
 
     def residual(self, x: _Floats) -> _Floats:
         fit = (np.log(self._model(x)[0]) - self.log_power) / self.scatter
-        return np.concatenate([fit, self._prior() @ (x - self._start())])
+        return np.concatenate([fit, self._prior @ (x - self._start)])
 
     def jacobian(self, x: _Floats) -> _Floats:
         model, total, parts, shapes = self._model(x)
@@ -185,19 +186,21 @@ class _Problem:
             [2 * (slopes * total.conj()).real, np.full(f.size, np.exp(min(x[-1], 100.0)))]
         )
         fit = (self.window @ fine.T) / model[:, None] / self.scatter
-        return np.vstack([fit, self._prior()])
+        return np.vstack([fit, self._prior])
 
     def _resonances(self, x: _Floats) -> tuple[_Floats, _Floats]:
         """Natural frequencies [Hz] and dampings; a step of the search too far is cut short."""
         n = self.peaks.size
         return self.peaks * np.exp(np.clip(x[:n], -1, 1)), np.exp(np.clip(x[n : 2 * n], -14, 2))
 
+    @cached_property
     def _start(self) -> _Floats:
         """Parameters: log frequency over peak, log damping, strength over scale; log floor."""
         n = self.peaks.size
         floor = float(np.min(self.log_power))
         return np.concatenate([np.zeros(n), np.full(n, np.log(_DAMPING)), np.zeros(n), [floor]])
 
+    @cached_property
     def _prior(self) -> _Floats:
         """Tell what is known before of frequencies and dampings, over its standard deviation."""
         n = self.peaks.size

@@ -24,14 +24,13 @@ from glint_aoa.inertial.lateral import (
     resonances,
 )
 from glint_aoa.inertial.least_squares import INDEPENDENT_HZ, LinearFit, fit_line
-from glint_aoa.inertial.modes import Plane
+from glint_aoa.inertial.modes import PLANES, Plane
 from glint_aoa.units import STANDARD_GRAVITY
 
 __all__ = ["LEAST_S", "Regression", "Term", "regress"]
 
 _Floats = NDArray[np.float64]
 _Mask = NDArray[np.bool_]
-_PLANES: tuple[Plane, ...] = ("yaw", "pitch")
 
 LEAST_S = 10.0
 """Shortest record that shows the slow changes of the bias [s]; the paper's figure."""
@@ -145,7 +144,7 @@ def regress(
     task: CorrectionTask,
     *,
     source: SourceKind | None = None,
-    planes: Sequence[Plane] = _PLANES,
+    planes: Sequence[Plane] = PLANES,
     between_s: tuple[float, float] | None = None,
 ) -> Regression:
     """Regress the low-passed output on the integral-squared motion.

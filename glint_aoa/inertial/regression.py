@@ -18,19 +18,16 @@ from glint_aoa.inertial.estimate import BiasEstimate, CorrectionTask
 from glint_aoa.inertial.filters import integrate_band, noise_bandwidth_hz
 from glint_aoa.inertial.lateral import BAND_HZ, SourceKind, lateral_signals
 from glint_aoa.inertial.least_squares import fit_line
-from glint_aoa.inertial.modes import Plane
+from glint_aoa.inertial.modes import CREDIBLE_TURN, PLANES
 from glint_aoa.inertial.record_fit import LEAST_S, Regression, Term, regress
 
 __all__ = ["estimate_bias", "missing"]
 
 _Floats = NDArray[np.float64]
 _Mask = NDArray[np.bool_]
-_PLANES: tuple[Plane, ...] = ("yaw", "pitch")
 
 _NOISE_SEGMENT_S = 8.0
 _STEADY = 0.1  # rms change of the low-passed square over its mean: less shows no bias
-_CREDIBLE_TURN = np.radians(1.0)
-"""Amplitude of rotation that a resonance is granted [rad]; the paper's largest is 0.3 deg."""
 
 
 def missing(task: CorrectionTask) -> str | None:
@@ -49,7 +46,7 @@ def missing(task: CorrectionTask) -> str | None:
     channel = task.package.channel
     if len(channel) < LEAST_S * channel.rate_hz:
         return f"a record of {LEAST_S:g} s (this one lasts {len(channel) / channel.rate_hz:.3g} s)"
-    if not any(lateral_signals(task, plane) for plane in _PLANES):
+    if not any(lateral_signals(task, plane) for plane in PLANES):
         return (
             "a signal of lateral motion with its axis, sampled with the package: an accelerometer "
             "along model y or z, a yaw or pitch moment, a side or normal force"
@@ -141,7 +138,7 @@ def _excluded(found: Regression, term: Term) -> _Floats:
     if np.std(slow) < _STEADY * np.mean(slow):
         circular = 2 * np.pi * term.resonance.frequency_hz
         known = term.signal.kind == "acceleration"
-        return np.sqrt(term.square) * (_CREDIBLE_TURN * circular if known else np.inf)
+        return np.sqrt(term.square) * (CREDIBLE_TURN * circular if known else np.inf)
     rate_hz = 1 / (found.time_s[1] - found.time_s[0])
     regressors = [each.slow for each in (*found.terms, term)]
     fit = fit_line(found.response, regressors, rate_hz, use=found.used)

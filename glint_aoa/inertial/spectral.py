@@ -20,22 +20,18 @@ from glint_aoa.inertial.estimate import BiasEstimate, CorrectionTask
 from glint_aoa.inertial.filters import integrate_band
 from glint_aoa.inertial.harmonic import servo_lag
 from glint_aoa.inertial.lateral import sensor_per_accelerometer
-from glint_aoa.inertial.modes import Mode, Plane
+from glint_aoa.inertial.modes import CREDIBLE_TURN, PLANES, Mode
 from glint_aoa.inertial.spectrum import PlaneSpectrum
 from glint_aoa.inertial.unlisted import named_unlisted, unlisted_resonances, unlisted_terms
 
 __all__ = ["SpectralPeak", "estimate_bias", "missing", "spectral_peak"]
 
 _Floats = NDArray[np.float64]
-_PLANES: tuple[Plane, ...] = ("yaw", "pitch")
 
 _STANDS_OUT = 4.0  # times the background's energy: a peak
 _HALF_WIDTH = 0.15  # of the frequency: a resonance with its modulation
 _NOT_DENIED = 0.05
 """Relative difference of mean bias and second harmonic that linear vibration explains."""
-
-_CREDIBLE_TURN = np.radians(1.0)
-"""Amplitude of rotation of a mode that is not believed [rad]; the paper's largest is 0.3 deg."""
 
 _MEDIAN_OF_CHI_SQUARE = np.log(2.0)
 """Median over mean of the power of noise in a bin."""
@@ -141,7 +137,7 @@ def estimate_bias(task: CorrectionTask) -> BiasEstimate:
     modal correction. A peak whose radius implies a turning of more than 1 deg corrects nothing.
     """
     found = []
-    for plane in _PLANES:
+    for plane in PLANES:
         modes = tuple(mode for mode in task.modes if mode.plane == plane)
         sensor = tangential(task.record, plane, task.package) if modes else None
         if sensor is not None:
@@ -205,12 +201,12 @@ def _plane(task: CorrectionTask, modes: tuple[Mode, ...], sensor: Accelerometer)
 def _turns_credibly(peak: SpectralPeak, mode: Mode) -> bool:
     """Whether the turning that the mode's radius implies is one that a sting allows."""
     turning = peak.acceleration / (2 * np.pi * peak.frequency_hz) ** 2 / abs(mode.radius_m)
-    return bool(turning <= _CREDIBLE_TURN)
+    return bool(turning <= CREDIBLE_TURN)
 
 
 def _unknown(velocity: _Floats, factor: float, frequency_hz: float) -> _Floats:
     """Error term of motion that is not credited: by the mode's radius, or what a sting allows."""
-    by_turning = _CREDIBLE_TURN * 2 * np.pi * frequency_hz * np.abs(velocity)
+    by_turning = CREDIBLE_TURN * 2 * np.pi * frequency_hz * np.abs(velocity)
     return np.asarray(np.minimum(abs(factor) * velocity**2, by_turning))
 
 
@@ -233,9 +229,7 @@ def _per_square(
 ) -> float:
     """Bias per square of the velocity that the accelerometer shows [1/m]."""
     force = float(np.mean(task.package.specific_force))
-    ratio = sensor_per_accelerometer(
-        mode.radius_m, frequency_hz, ahead_m=sensor.ahead_m, force=force
-    )
+    ratio = sensor_per_accelerometer(mode, frequency_hz, ahead_m=sensor.ahead_m, force=force)
     return ratio**2 / mode.radius_m
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from glint_aoa.errors import InputError, RecordingError
 from glint_aoa.inertial.analyser import FrequencyResponses, frequency_responses
 from glint_aoa.inertial.identification import SurveyResponses, mode_shapes, real_shape
-from glint_aoa.inertial.modes import ModeShape, Plane
+from glint_aoa.inertial.modes import AXIS_OF_PLANE, PLANES, ModeShape, Plane
 from glint_aoa.records.acquisition import AcquisitionRecord, Channel
 from glint_aoa.records.formats.modal_survey import (
     MeasuredResponse,
@@ -27,8 +27,6 @@ __all__ = ["read_survey", "survey_record", "survey_responses"]
 
 _Floats = NDArray[np.float64]
 
-_PLANES: tuple[Plane, ...] = ("yaw", "pitch")
-_AXIS: dict[Plane, str] = {"yaw": "y", "pitch": "z"}
 _ROW: dict[Plane, int] = {"yaw": 1, "pitch": 2}  # of a vector in model axes
 _SEGMENT_S = 32.0  # bins of a tenth of the first resonances' width: shorter ones bias the shapes
 _SEGMENTS = 3.0  # to a record, at least
@@ -54,7 +52,7 @@ def survey_responses(responses: FrequencyResponses, plane: Plane) -> SurveyRespo
     InputError
         If fewer than two accelerometers of the plane are among them.
     """
-    letter = _AXIS[plane]
+    letter = AXIS_OF_PLANE[plane]
     chosen = [
         (index, channel)
         for index, channel in enumerate(responses.channels)
@@ -121,8 +119,8 @@ def survey_record(
     names = [each.name for each in _accelerometers(record, plane)]
     if not names:
         raise InputError(
-            f"{record.name}: no accelerometer along model {_AXIS[plane]} with a station; name them "
-            "under [[inertial.channel]] in the setup"
+            f"{record.name}: no accelerometer along model {AXIS_OF_PLANE[plane]} with a station; "
+            "name them under [[inertial.channel]] in the setup"
         )
     length = min(segment_s, len(record[names[0]]) / record[names[0]].rate_hz / _SEGMENTS)
 
@@ -186,7 +184,7 @@ def read_survey(
         inside = [each for each in survey.shapes if low_hz <= each.frequency_hz <= high_hz]
         shapes = [_from_shape(survey, each, axes, origin_m, used) for each in inside]
     else:
-        chosen = (_plane_responses(survey, plane, axes, origin_m, used) for plane in _PLANES)
+        chosen = (_plane_responses(survey, plane, axes, origin_m, used) for plane in PLANES)
         found = [
             shape
             for each in chosen
@@ -202,7 +200,7 @@ def read_survey(
 
 def _accelerometers(record: AcquisitionRecord, plane: Plane) -> list[Channel]:
     """Take one accelerometer of the plane at each station, the first in record order."""
-    letter = _AXIS[plane]
+    letter = AXIS_OF_PLANE[plane]
     found: dict[float, Channel] = {}
     for channel in record.with_quantity("acceleration"):
         if channel.station_m is not None and channel.axis in (f"+{letter}", f"-{letter}"):
@@ -251,7 +249,7 @@ def _from_shape(
 ) -> ModeShape:
     keep = np.isin(each.node, list(used))
     model = axes @ each.coefficient[keep].T
-    plane = max(_PLANES, key=lambda one: float(np.sum(np.abs(model[_ROW[one]]) ** 2)))
+    plane = max(PLANES, key=lambda one: float(np.sum(np.abs(model[_ROW[one]]) ** 2)))
     row = model[_ROW[plane]]
     measured = row != 0
     if not measured.any():

@@ -11,6 +11,7 @@ USED, DIM, CUT = 0, 1, 2  # what `status` says of a column: measured, too dim, o
 
 _ITERATIONS = 12
 _FEW = 16  # a share of columns below 1 / 16 settles column by column
+_APART = 1.065  # half windows from the centre begin the flanks, off the glint's tail
 _SETTLED = 0.03  # lines; Newton's step leaves less than a tenth of its own square
 
 # The loops run along lines in single precision and without branches, for the compiler to do several
@@ -18,15 +19,30 @@ _SETTLED = 0.03  # lines; Newton's step leaves less than a tenth of its own squa
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _background(strip, n, centre, half, flank, low, high, low_weight, high_weight):
+def _reach(centre, n):
+    """Least and greatest centre."""
+    least, most = np.float32(np.inf), np.float32(-np.inf)
+    for i in range(n):
+        least = centre[i] if centre[i] < least else least
+        most = centre[i] if centre[i] > most else most
+    return least, most
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _inner_rows(strip, reach, half):
+    """First row in any window, and one past the last."""
+    first = max(int(np.ceil(reach[0] - half)), 0)
+    return first, min(int(np.floor(reach[1] + half)) + 1, strip.shape[0])
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _background(strip, n, centre, reach, half, flank, low, high, low_weight, high_weight):
     """Fill the mean grey levels of the flanks above and below the window, and their weights."""
-    edge, end = np.float32(half - 0.5), np.float32(half + flank + 0.5)
+    least, most = reach
+    edge, end = np.float32(_APART * half - 0.5), np.float32(_APART * half + flank + 0.5)
     one, zero = np.float32(1.0), np.float32(0.0)
     for i in range(n):
         low[i] = low_weight[i] = high[i] = high_weight[i] = zero
-    least, most = np.inf, -np.inf
-    for i in range(n):
-        least, most = min(least, centre[i]), max(most, centre[i])
     for r in range(strip.shape[0]):
         if most - edge <= r <= least + edge:
             continue  # inside every window
@@ -46,7 +62,7 @@ def _background(strip, n, centre, half, flank, low, high, low_weight, high_weigh
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _level_and_tilt(low, high, low_weight, high_weight, half, flank, n):
     """Turn the flanks' sums into level and tilt of the background, in `low` and `high`."""
-    span = np.float32(2 * half + flank)
+    span = np.float32(2 * _APART * half + flank)
     for i in range(n):
         above = low[i] / low_weight[i] if low_weight[i] > 0.5 else np.float32(np.nan)
         below = high[i] / high_weight[i] if high_weight[i] > 0.5 else above
@@ -56,7 +72,7 @@ def _level_and_tilt(low, high, low_weight, high_weight, half, flank, n):
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _moments(strip, n, centre, half, level, tilt, volume, moment, slope):
+def _moments(strip, n, centre, reach, half, level, tilt, volume, moment, slope):
     """Fill weighted sum, first moment, and minus that moment's slope in `centre`.
 
     The weight is (1 - (t / half)^2)^2, t lines from the centre.
@@ -65,12 +81,8 @@ def _moments(strip, n, centre, half, level, tilt, volume, moment, slope):
     zero, one, four = np.float32(0.0), np.float32(1.0), np.float32(4.0)
     for i in range(n):
         volume[i] = moment[i] = slope[i] = zero
-    least, most = np.inf, -np.inf
-    for i in range(n):
-        least, most = min(least, centre[i]), max(most, centre[i])
-    first = max(int(np.ceil(least - half)), 0)
-    last = min(int(np.floor(most + half)), strip.shape[0] - 1)
-    for r in range(first, last + 1):
+    first, last = _inner_rows(strip, reach, half)
+    for r in range(first, last):
         for i in range(n):
             t = np.float32(r) - centre[i]
             x = t * t * inverse
@@ -90,9 +102,10 @@ def _newton(
     strip, n, half, flank, centre, step, volume, low, high, low_weight, high_weight, moment, slope
 ):
     """Move every centre by one step of Newton's method."""
-    _background(strip, n, centre, half, flank, low, high, low_weight, high_weight)
+    reach = _reach(centre, n)
+    _background(strip, n, centre, reach, half, flank, low, high, low_weight, high_weight)
     _level_and_tilt(low, high, low_weight, high_weight, half, flank, n)
-    _moments(strip, n, centre, half, low, high, volume, moment, slope)
+    _moments(strip, n, centre, reach, half, low, high, volume, moment, slope)
     tenth, most = np.float32(0.1), np.float32(0.5 * half)
     for i in range(n):
         # Newton's step where the moment falls with the centre as it does near its zero.
@@ -137,14 +150,16 @@ def _finish(strip, i, half, flank, centre, step, one):
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _tops(strip, n, centre, half, top):
     """Fill the largest grey level in each column's window."""
+    first, last = _inner_rows(strip, _reach(centre, n), half)
     half = np.float32(half)
     for i in range(n):
         top[i] = 0.0
-    for r in range(strip.shape[0]):
+    for r in range(first, last):
         for i in range(n):
-            value, was = abs(strip[r, i]), top[i]
             inside = abs(np.float32(r) - centre[i]) < half
-            top[i] = value if inside and value > was else was
+            value = abs(strip[r, i]) if inside else np.float32(0.0)
+            was = top[i]
+            top[i] = value if value > was else was
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

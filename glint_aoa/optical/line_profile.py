@@ -27,7 +27,7 @@ _Curve = Callable[[_Array], _Array]
 _MOST_COLUMNS = 96  # of the sample serve to learn the profile
 _EDGE_WIDTH = 0.5  # lines: blur of an edge that the line hides
 _FARTHEST = 1.0  # lines that a centre may be shifted in one round
-_ROUNDS = 3
+_ROUNDS = 5
 _MOST_STEPS = 40
 _LEAST_BINS = 6
 _BIN = 1 / 16  # lines
@@ -104,19 +104,23 @@ def background_shapes(t: _Array) -> _Array:
 
 
 def phases_covered(row: _Array) -> bool:
-    """Say whether centres cover the phases of a line: what a learnt profile needs.
+    """Say whether the line's motion covers the phases of a line: what a learnt profile needs.
 
     Parameters
     ----------
-    row : ndarray
+    row : ndarray, shape (field, column)
         Centres in rows; NaN is left out.
 
     Returns
     -------
     bool
-        Whether each eighth of a line holds at least a quarter of its share.
+        Whether each eighth of a line holds at least a quarter of its share, counted from each
+        column's own first. Phases that only differ from column to column do not count: there a
+        profile can change along with the columns' centres and explain the sample as well.
     """
-    phase = np.mod(row[np.isfinite(row)], 1.0)
+    known = np.isfinite(row)
+    first = np.take_along_axis(row, known.argmax(axis=0)[None], axis=0)
+    phase = np.mod((row - first)[known], 1.0)
     if phase.size < _PHASE_BINS:
         return False
     count = np.histogram(phase, bins=_PHASE_BINS, range=(0.0, 1.0))[0]
@@ -151,23 +155,23 @@ def learn_profile(
     Notes
     -----
     The effective point-spread function of Anderson and King (PASP 112, 2000, 1360;
-    doi:10.1086/316632) for a line. A static, nearly level line shows a few phases only; what lies
-    between them is then the parametric model's, since a spline there would follow the noise.
+    doi:10.1086/316632) for a line. A line that stands still shows each column one phase only: what
+    lies between them is then the parametric model's, since a spline there would follow the noise
+    and the errors of the columns' centres (seen: 0.0003 deg of bias for a sigma of 0.7 lines).
     """
     reach = shape.half_width + shape.flank
     cloud = _cloud(sample.thinned(_MOST_COLUMNS), shape, reach)
     covered = phases_covered(sample.row)
     start = _Fit(_GAUSSIAN, np.array([0.0, max(shape.half_width / 3.2, 0.3)]))
     profile = LineProfile(_spline_of(start.curve, reach), reach, "parametric", "")
-    fit: _Fit | None = None
     for _ in range(_ROUNDS):
         light = _light(cloud, profile, noise)
         cloud = _without_outliers(_shifted(cloud, light), profile, light, noise)
         bins = _binned(cloud, light, noise)
         if bins.t.size < _LEAST_BINS:
             break
-        fit = _best_fit(bins, start) if fit is None else _fitted(bins, fit)[0]
-        profile = _finished(bins, fit, reach, covered=covered)
+        # Chosen anew: columns that are not yet aligned make a Gaussian look like something else.
+        profile = _finished(bins, _best_fit(bins, start), reach, covered=covered)
     profile = replace(profile, misfit=_misfit(cloud, profile, noise))
     whole = _cloud(sample, shape, reach)
     whole = _without_outliers(whole, profile, _light(whole, profile, noise), noise)

@@ -39,7 +39,7 @@ _SHARE_FLAGGED = 0.1  # of the columns cut or clipped before the field is flagge
 _TIMING_TOLERANCE = 0.2  # of a field period
 _UNSURE = np.radians(0.01)  # noise of one field's angle that only a dim glint leaves
 _SECOND = 0.8  # of the glint's height at which another line may be taken for it
-_LIKELY = 3.0  # times what lasting departures leave in doubt may well be there
+_LIKELY = 4.0  # times noise and lasting doubt together that an angle may be off
 _BLAMELESS, _SMALL = 5.0, np.radians(0.002)  # times a field's noise, and an angle, that may be off
 _BENT = 5.0  # standard deviations, and
 _BENT_LINES = 0.25  # field lines of sagitta, from which a line counts as curved
@@ -267,6 +267,7 @@ def _flags(
         Flag.UNCALIBRATED: np.full(len(count), not measurement.is_calibrated),
         Flag.SECOND_GLINT: there & (measurement.shape.second > _SECOND),
         Flag.CURVED_LINE: there & _is_bent(measurement),
+        Flag.PIXEL_LOCKING: there & measurement.locks,
         Flag.UNEVEN: there & _is_uneven(angle_std, measurement),
     }
     flags = np.zeros(len(count), np.int64)
@@ -299,9 +300,8 @@ def _is_bent(measurement: Measurement) -> bool:
 
 def _is_uneven(angle_std: _Array, measurement: Measurement) -> NDArray[np.bool_]:
     with np.errstate(invalid="ignore"):
-        uneven: NDArray[np.bool_] = _LIKELY * measurement.slope_doubt > np.maximum(
-            _BLAMELESS * angle_std, _SMALL
-        )
+        whole = np.hypot(angle_std, measurement.slope_doubt)
+        uneven: NDArray[np.bool_] = _LIKELY * whole > np.maximum(_BLAMELESS * angle_std, _SMALL)
     return uneven
 
 

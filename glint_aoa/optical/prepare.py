@@ -15,8 +15,8 @@ from glint_aoa.optical.columns import used_columns
 from glint_aoa.optical.detect import find_glint, find_lines
 from glint_aoa.optical.estimator import ColumnCentres, Estimator, Sample
 from glint_aoa.optical.line import LineFit, fit_lines_robustly, row_medians
+from glint_aoa.optical.locking import PixelLocking, pixel_locking
 from glint_aoa.optical.noise import NoiseModel, sample_noise
-from glint_aoa.optical.profile import ProfileMatch
 from glint_aoa.optical.reference import FIRST_FIELDS, Mark, learn_mark
 from glint_aoa.optical.shape import GlintShape
 from glint_aoa.records.fields import FieldStack
@@ -43,6 +43,7 @@ _OUTLYING = 4.0  # standard deviations at which a centre does not count for its 
 _ALIKE = 2.0  # times the noise that one profile may leave of all columns' pixels
 _TOGETHER = 64  # fields that are located and measured together, while they are in the cache
 _STEP_DOUBT = 0.25  # of the correction for a step that the glint hides
+_ALIKE_LIT = 0.15  # of the brightness that fields which teach the profile may differ by
 _STRETCHES = 8  # of columns whose lasting departures count as independent
 
 
@@ -75,6 +76,8 @@ class Measurement:
         What the columns' usual departures leave in doubt of every field's slope, 1 sigma [1].
     sagitta, sagitta_std : float
         How far the line's middle lies above its ends, usually [m, or pixels].
+    locking : PixelLocking or None
+        Whether centres are drawn to whole field lines, where the sample can tell.
     sample_size : int
         Fields in the sample; the noise is unknown below 8.
     mark : Mark or None
@@ -97,6 +100,7 @@ class Measurement:
     slope_doubt: float
     sagitta: float
     sagitta_std: float
+    locking: PixelLocking | None
     sample_size: int
     mark: Mark | None
     reflection: GlintReflection | None
@@ -110,6 +114,14 @@ class Measurement:
     def knows_noise(self) -> bool:
         """Whether the sample was large enough to tell noise from departure."""
         return self.sample_size >= _LEAST_SAMPLE
+
+    @property
+    def locks(self) -> bool:
+        """Whether pixel locking shows and matters to the angle."""
+        if self.locking is None:
+            return False
+        columns = float(self.columns[-1] - self.columns[0])
+        return bool(self.locking.matters(self.line_height * columns / _span(self)))
 
     @property
     def line_height(self) -> float:
@@ -139,7 +151,7 @@ class Measurement:
 
         Read noise grows with the inverse square of the height, shot noise with its inverse.
         """
-        usual = used @ self.column_height
+        usual = np.where(used, self.column_height, 0.0).sum(axis=1)
         with np.errstate(invalid="ignore", divide="ignore"):
             ratio = np.where(used, height, 0.0).sum(axis=1) / usual
         return _growth(ratio, self._read_share)
@@ -186,20 +198,35 @@ def prepare(stack: FieldStack, setup: Setup, recording: Recording) -> Measuremen
     rough, _, centres = _with_columns(plain, sample, number)
     if not rough.shape.found:
         return rough
-    known = Sample(sample, rough.columns, _expected_rows(rough, centres, number))
+    lit = _alike_lit(rough, centres)
+    rows = _expected_rows(rough, centres, number)
+    known = Sample(sample[lit], rough.columns, rows[lit])
     noise = sample_noise(known, rough.shape, setup.glint)
-    estimator = _learnt(known, rough.shape, noise, setup.glint.estimator)
-    learnt, fit, _ = _with_columns(replace(rough, estimator=estimator, noise=noise), sample, number)
-    return _with_reflection(_with_lasting_departures(learnt, fit), stack.n_lines)
+    estimator, drawn = _learnt(known, rough.shape, noise, setup.glint.estimator)
+    learnt, fit, centres = _with_columns(
+        replace(rough, estimator=estimator, noise=noise), sample, number
+    )
+    rows = _expected_rows(learnt, centres, number)
+    locking = pixel_locking(centres.row, rows, learnt.columns, learnt.column_std**-2.0)
+    learnt = replace(_with_lasting_departures(learnt, fit, drawn), locking=locking)
+    return _with_reflection(learnt, stack.n_lines)
 
 
-def _learnt(sample: Sample, shape: GlintShape, noise: NoiseModel, name: str) -> Estimator:
-    """Learn the estimator of the setup; left to us, the best that suits the sample."""
-    if name != "auto":
-        return _LEARN[name](sample, shape, noise)
+def _learnt(
+    sample: Sample, shape: GlintShape, noise: NoiseModel, name: str
+) -> tuple[Estimator, _Array]:
+    """Learn the estimator of the setup; left to us, the best that suits the sample.
+
+    Returns as well by what steps of the background that the glint hides may draw each column's
+    centre [lines]: a part of the profile's correction for them, all of it where none is made.
+    """
+    if name not in {"auto", "profile"}:
+        return _LEARN[name](sample, shape, noise), np.zeros(sample.columns.size)
     matched = profile.learn(sample, shape, noise)
     # Columns whose profiles differ are drawn to phases of the line by a profile that they share.
-    return matched if matched.profile.misfit <= _ALIKE else Centroid(shape)
+    if name == "profile" or matched.profile.misfit <= _ALIKE:
+        return matched, _STEP_DOUBT * matched.step_correction
+    return Centroid(shape), matched.step_correction
 
 
 def _plain(
@@ -237,6 +264,7 @@ def _plain(
         slope_doubt=0.0,
         sagitta=0.0,
         sagitta_std=np.inf,
+        locking=None,
         sample_size=len(sample),
         mark=_mark(stack, setup, recording),
         reflection=None,
@@ -264,7 +292,8 @@ def _with_columns(
     flat = replace(plain, column_std=np.full(plain.columns.size, scale), column_height=height)
     if not np.isfinite(z).any() or not plain.knows_noise:
         return flat, fit, centres
-    offset, noise, count = _column_statistics(fit.residual)
+    dimming = np.sqrt(flat.dimming(centres.height, np.isfinite(z)))
+    offset, noise, count = _column_statistics(fit.residual, dimming[:, None])
     # A column's own noise is shrunk towards what its brightness lets expect.
     expected = np.sqrt(_growth(height / _median(height), flat._read_share))
     usual_noise = max(_median(noise / expected), least) * expected
@@ -290,6 +319,20 @@ def _prior_weight(ratio: _Array, count: NDArray[np.int64]) -> float:
     return float(np.clip(2 / max(beyond, 1e-9), *_PRIOR_WEIGHTS))
 
 
+def _alike_lit(measurement: Measurement, centres: ColumnCentres) -> NDArray[np.bool_]:
+    """Fields of the sample in which the glint is about as bright: they show one profile."""
+    used = np.isfinite(centres.row)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        height = np.where(used, centres.height, 0.0).sum(axis=1) / (
+            used @ measurement.column_height
+        )
+    known = height[np.isfinite(height)]
+    if not known.size:
+        return np.ones(height.size, np.bool_)
+    lit: NDArray[np.bool_] = np.abs(height / np.quantile(known, 0.75) - 1) < _ALIKE_LIT
+    return lit
+
+
 def _expected_rows(
     measurement: Measurement, centres: ColumnCentres, number: NDArray[np.int64]
 ) -> _Array:
@@ -302,8 +345,11 @@ def _expected_rows(
     return rows
 
 
-def _with_lasting_departures(measurement: Measurement, fit: LineFit) -> Measurement:
-    """Add what the columns' usual departures tell of the line's bend and of the slope's doubt."""
+def _with_lasting_departures(measurement: Measurement, fit: LineFit, drawn: _Array) -> Measurement:
+    """Add what the columns' usual departures tell of the line's bend and of the slope's doubt.
+
+    `drawn` is by what hidden steps of the background may draw each column [lines].
+    """
     weight = np.where(np.isfinite(measurement.column_std), measurement.column_std, np.inf) ** -2.0
     if (weight > 0).sum() <= _LEAST_COLUMNS or not measurement.knows_noise:
         return measurement
@@ -316,7 +362,8 @@ def _with_lasting_departures(measurement: Measurement, fit: LineFit) -> Measurem
     left = departure - bend * basis[2]
     noise = _median_variance(weight, count)
     pull = weight * basis[1] / norms[1]
-    doubt = np.hypot(_doubt(pull, left, noise), _hidden_step(pull, measurement))
+    hidden = float((pull * drawn).sum()) * measurement.line_height
+    doubt = np.hypot(_doubt(pull, left, noise), hidden)
     return replace(
         measurement,
         slope_doubt=float(doubt) / (0.5 * _span(measurement)),
@@ -325,21 +372,15 @@ def _with_lasting_departures(measurement: Measurement, fit: LineFit) -> Measurem
     )
 
 
-def _hidden_step(pull: _Array, measurement: Measurement) -> float:
-    """Say what the correction for a step of the background under the line leaves in doubt."""
-    if not isinstance(measurement.estimator, ProfileMatch):
-        return 0.0
-    drawn = measurement.estimator.step_correction * measurement.line_height
-    return float(abs((pull * drawn).sum())) * _STEP_DOUBT
-
-
 def _doubt(pull: _Array, left: _Array, noise: _Array) -> float:
     """Say how much lasting departures, their noise taken off, leave in doubt of a line's figure.
 
     Neighbouring columns depart together, so whole stretches of them count as one draw.
     """
     stretches = np.array([part.sum() for part in np.array_split(pull * left, _STRETCHES)])
-    return float(np.sqrt(max((stretches**2).sum() - (pull**2 * noise).sum(), 0.0)))
+    # Level, slope and bend took up three of the stretches.
+    variance = (stretches**2).sum() * _STRETCHES / (_STRETCHES - 3)
+    return float(np.sqrt(max(variance - (pull**2 * noise).sum(), 0.0)))
 
 
 def _median_variance(weight: _Array, count: NDArray[np.int64]) -> _Array:
@@ -409,12 +450,14 @@ def _growth(ratio: _Array, read_share: float) -> _Array:
     return growth
 
 
-def _column_statistics(residual: _Array) -> tuple[_Array, _Array, NDArray[np.int64]]:
-    """Median, noise about it and number of fields, for each column."""
+def _column_statistics(
+    residual: _Array, dimming: _Array
+) -> tuple[_Array, _Array, NDArray[np.int64]]:
+    """Median, noise about it in a usual field and number of fields, for each column."""
     there = np.isfinite(residual)
     count = there.sum(axis=0)
     offset = row_medians(residual.T)
-    departure = np.abs(residual - offset)
+    departure = np.abs(residual - offset) / dimming
     with np.errstate(invalid="ignore"):
         kept = departure <= _OUTLYING * 1.4826 * row_medians(departure.T)
     freedom = np.maximum(kept.sum(axis=0) - 1, 1)
