@@ -22,16 +22,17 @@ def measured(fields, glint=None, columns=None):
 
 def slow_centroid(column, start, half_width, flank):
     """The same definition, its root found by SciPy."""
-    half = 0.92 * half_width
+    half = half_width
+    apart = 1.065 * half
     row = np.arange(column.size)
     fine = (np.arange(column.size * 2000) + 0.5) / 2000 - 0.5
 
     def moment(centre):
         away = fine - centre
-        aside = (np.abs(away) > half) & (np.abs(away) <= half + flank)
+        aside = (np.abs(away) > apart) & (np.abs(away) <= apart + flank)
         grey = np.repeat(column.astype(float), 2000)
         above, below = (grey[aside & side].mean() for side in (away < 0, away > 0))
-        tilt = (below - above) / (2 * half + flank)
+        tilt = (below - above) / (2 * apart + flank)
         t = row - centre
         weight = np.clip(1 - (t / half) ** 2, 0, None) ** 2
         return (weight * t * (column - (above + below) / 2 - tilt * t)).sum()

@@ -72,7 +72,7 @@ def test_widths_follow_from_the_profile(sigma):
     half, tenth = (blurred * np.sqrt(-2 * np.log(share)) for share in (0.5, 0.1))
     assert abs(2 * shape.half_box + 1 - 2 * half) <= 1.01
     # Read off between whole lines, which spreads the profile by up to half a line.
-    assert 1.4 * tenth < shape.half_width < 1.4 * (tenth + 0.5) + 0.6
+    assert 1.29 * tenth < shape.half_width < 1.29 * (tenth + 0.5) + 0.6
     assert shape.flank == pytest.approx(max(2.0, 0.6 * shape.half_width))
 
 

@@ -12,7 +12,6 @@ from glint_aoa.optical.shape import GlintShape
 
 __all__ = ["Centroid", "learn"]
 
-_SOFTER = 0.92  # of the half width: this window's shoulders are broader than its edge tells
 _REACH = 2.0  # lines that a centre may lie from its start, at least
 
 
@@ -69,7 +68,7 @@ class Centroid:
         size = (len(fields), columns.size)
         row, height = np.empty(size), np.empty(size)
         status, clipped = np.empty(size, np.uint8), np.empty(size, np.bool_)
-        half = _SOFTER * self.shape.half_width
+        half = self.shape.half_width
         kernel.column_centres(
             fields,
             columns,

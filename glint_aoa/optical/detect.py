@@ -271,9 +271,9 @@ def _with_widths(shape: GlintShape, profile: _Array, glint: Glint) -> GlintShape
     down, up = (_side_widths(side) for side in (profile[middle::-1], profile[middle:]))
     half = (down[0] + up[0]) / 2
     tenth = max((down[1] + up[1]) / 2, half + 0.5)
-    # Least noise: 3 sigma (and what a line's height adds) for a Gaussian, which falls to a tenth
+    # Least noise: 2.8 sigma (and what a line's height adds) for a Gaussian, which falls to a tenth
     # at 2.15 sigma; about twice the half width of a band with a flat top, known by its edges.
-    half_width = glint.half_width or max(_LEAST_HALF_WIDTH, 1.4 * tenth + 0.6, 2.04 * half)
+    half_width = glint.half_width or max(_LEAST_HALF_WIDTH, 1.29 * tenth + 0.55, 2.04 * half)
     rows = shape.last_row - shape.first_row
     half_box = int(np.clip(round(half - 0.5), 0, (rows - 1) // 2))
     fewer = math.sqrt((2 * shape.half_box + 1) / (2 * half_box + 1))  # lines, more noise

@@ -15,6 +15,7 @@ _ROUNDS = 3
 _OUTLYING = 4.5  # standard deviations at which a centre does not count
 _SURE = 5.0  # standard deviations from which locking is believed
 _LINES, _ANGLE = 0.01, np.radians(0.0003)  # of it that matter: centres off, a field's slope off
+_WIDEST_GAP = 0.3  # lines
 _PHASES = np.arange(64) / 64
 
 
@@ -84,11 +85,13 @@ def pixel_locking(
     fitted by weighted least squares, every field's own parabola taken from both sides first, since
     a bend is no locking. The covariance is that of departures which last over the fields and are
     shared within stretches of columns (White, Econometrica 48, 1980, 817; clustered), so texture
-    does not pass for locking. A level line that stands still shows one phase and tells nothing;
-    one that stands still and sweeps less than two lines or so tells little, and texture that
+    does not pass for locking. Where the centres do not cover the phases of a line nothing is told.
+    A line that stands still and sweeps less than two lines or so tells little, and texture that
     repeats with the line's phase cannot be told from locking there.
     """
     there = np.isfinite(row) & np.isfinite(expected) & (weight > 0)
+    if not _all_phases(expected[there]):
+        return _UNKNOWN
     share = np.where(there, weight, 0.0)
     for _ in range(_ROUNDS):
         fit = _fitted(row, expected, columns, share)
@@ -107,6 +110,12 @@ def pixel_locking(
         amplitude_std=float(np.sqrt(pull @ covariance @ pull)),
         slope=_slope_of(_harmonics(expected) @ figures, columns, share),
     )
+
+
+def _all_phases(row: _Array) -> bool:
+    """Whether no gap between the phases of the centres is wider than the harmonics bridge."""
+    phase = np.sort(np.mod(row, 1.0))
+    return bool(phase.size and np.diff(phase, append=phase[0] + 1.0).max() <= _WIDEST_GAP)
 
 
 def _harmonics(phase: _Array) -> _Array:
