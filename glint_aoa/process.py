@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from calibration.sweep import PitchSweep
 from glint_aoa._version import __version__
@@ -105,6 +106,18 @@ def measure_point(
         If the recording cannot be read.
     """
     recording = resolve_recording(stack, setup)
+    # The matrices are small: threads of the linear algebra only get into each other's way.
+    with threadpool_limits(limits=1, user_api="blas"):
+        return _measured(stack, setup, recording, sweep, progress)
+
+
+def _measured(
+    stack: FieldStack,
+    setup: Setup,
+    recording: Recording,
+    sweep: PitchSweep | None,
+    progress: Callable[[int], None] | None,
+) -> PointResult:
     angles, measurement = measure_stack(stack, setup, recording, progress=progress)
     values = _columns(angles, measurement, sweep)
     good = (values["flags"] & int(REJECTING)) == 0
