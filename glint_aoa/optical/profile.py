@@ -53,7 +53,9 @@ class ProfileMatch:
 
         In lines; where such a step lies under the glint, and how blurred it is, cannot be seen.
         """
-        drawn: _Array = self.uneven[1] * self.tables.uneven_gain[1].mean() / self.usual[0]
+        height, drawn = self.usual[0], np.zeros(self.usual.shape[1])
+        pull = self.uneven[1] * self.tables.uneven_gain[1].mean()
+        np.divide(pull, height, out=drawn, where=height > 0)
         return drawn
 
     def centres(
