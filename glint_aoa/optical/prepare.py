@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -115,7 +116,7 @@ class Measurement:
         """Whether the sample was large enough to tell noise from departure."""
         return self.sample_size >= _LEAST_SAMPLE
 
-    @property
+    @cached_property
     def locks(self) -> bool:
         """Whether pixel locking shows and matters to the angle."""
         if self.locking is None:
@@ -123,7 +124,7 @@ class Measurement:
         columns = float(self.columns[-1] - self.columns[0])
         return bool(self.locking.matters(self.line_height * columns / _span(self)))
 
-    @property
+    @cached_property
     def line_height(self) -> float:
         """Height of a field line on the plane, at the window's middle [m, or pixels]."""
         middle = self.columns[self.columns.size // 2]
