@@ -813,6 +813,28 @@ def test_an_interrupt_keeps_what_was_written(here, points):
     assert not [name for name in written(here / "res") if name.endswith(".part")]
 
 
+def test_an_interrupt_in_a_callback_is_not_lost():
+    swallowed = (
+        "import time, typer, weakref; from glint_aoa.cli import app as program\n"
+        "class Thing: pass\n"
+        "def swallow(_): raise KeyboardInterrupt\n"
+        "def work():\n"
+        "    thing = Thing(); reference = weakref.ref(thing, swallow); del thing\n"
+        "    for _ in range(600): time.sleep(0.1)\n"
+        "    print('worked on')\n"
+        "program.app = typer.Typer(); program.app.command()(work); program.main()"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", swallowed],
+        env=ENVIRONMENT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stdout) == (130, "")
+    assert done.stderr.strip() == "glint-aoa: stopped; what was written before is whole"
+
+
 def test_the_program_runs_as_a_process_of_its_own(here):
     done = subprocess.run(
         [*PROGRAM, "inspect", "gone.h5"],

@@ -1,8 +1,10 @@
 """The program ``glint-aoa``: its commands, and how every error ends."""
 
+import _thread
 import os
 import sys
-from typing import Annotated
+import threading
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -17,10 +19,14 @@ from glint_aoa.cli.process import process
 from glint_aoa.cli.simulate import simulate
 from glint_aoa.errors import GlintError
 
+if TYPE_CHECKING:
+    from sys import UnraisableHookArgs
+
 __all__ = ["app", "main"]
 
 _DEBUG = "GLINT_AOA_DEBUG"
 _STOPPED = 130  # what a shell makes of an interrupt
+_AGAIN = 0.01  # s, until an interrupt that was swallowed comes again
 
 app = typer.Typer(
     name="glint-aoa",
@@ -65,6 +71,7 @@ def _program(
 
 def main() -> None:
     """Run the program; bad input ends in one sentence on stderr and exit code 2."""
+    sys.unraisablehook = _interrupt_again
     try:
         app()
     except SystemExit as end:
@@ -88,6 +95,14 @@ def main() -> None:
             "run it again with --debug and report what it prints",
             1,
         )
+
+
+def _interrupt_again(ignored: "UnraisableHookArgs") -> None:
+    """Send an interrupt again that Python had to ignore: it fell into a finaliser or a callback."""
+    if ignored.exc_type is KeyboardInterrupt:
+        threading.Timer(_AGAIN, _thread.interrupt_main).start()
+    else:
+        sys.__unraisablehook__(ignored)
 
 
 def _stop(sentence: str) -> None:
