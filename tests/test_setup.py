@@ -175,3 +175,79 @@ def test_what_is_not_toml_or_not_there_is_said(tmp_path):
 def test_sections_are_frozen():
     with pytest.raises(ValueError, match="frozen"):
         Setup().glint = None
+
+
+CALIBRATED = """\
+kind = "camera calibration"
+[camera]
+focal_length = "35.02 mm"
+pixel_pitch = ["11.7 um", "27.5 um"]
+sensor = [752, 240]
+principal_point = [370.2, 118.9]
+distortion = [-0.1, 0.0, 0.0, 0.0, 0.0]
+"""
+RESECTED = """\
+kind = "space resection"
+[camera]
+position = ["12.5 mm", "-1.42 m", "60 mm"]
+rotation = ["0.1 deg", "0 deg", "-0.2 deg"]
+"""
+BOTH = '[calibration]\ncamera = "camera.toml"\npose = "pose.toml"\n'
+
+
+@pytest.fixture
+def calibrated(tmp_path):
+    """Write a setup beside a camera calibration and a space resection."""
+    (tmp_path / "camera.toml").write_text(CALIBRATED)
+    (tmp_path / "pose.toml").write_text(RESECTED)
+
+    def write(text):
+        (tmp_path / "glint-aoa.toml").write_text(text)
+        return tmp_path / "glint-aoa.toml"
+
+    return write
+
+
+def test_calibrations_fill_in_the_camera(calibrated):
+    setup = load_setup(calibrated('[camera]\nfocal_length = "0.03502 m"\n' + BOTH))
+    assert setup.camera.focal_length == pytest.approx(0.03502)
+    assert setup.camera.principal_point == (370.2, 118.9)
+    assert setup.camera.position == pytest.approx((0.0125, -1.42, 0.06))
+    assert setup.camera.rotation[2] == pytest.approx(np.radians(-0.2))
+    assert setup.camera_path.name == "camera.toml"
+    assert setup.pose_path.name == "pose.toml"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            '[camera]\nfocal_length = "35 mm"\n' + BOTH,
+            "camera.focal_length is 35 mm in the setup and 35.02 mm in {folder}/camera.toml; "
+            "take it out of the setup, or the calibration",
+        ),
+        (
+            '[calibration]\npose = "gone.toml"\n',
+            "{folder}/gone.toml: no such space resection; make one with glint-aoa calibrate resect",
+        ),
+        (
+            '[calibration]\ncamera = "pose.toml"\n',
+            "{folder}/pose.toml: not a camera calibration; "
+            "make one with glint-aoa calibrate camera",
+        ),
+        (
+            BOTH + '[uncertainty]\nposition = ["1 mm", "0 mm", "0 mm"]\n',
+            "{folder}/glint-aoa.toml: uncertainty.position is given and calibration.pose states "
+            "it too; keep one of them",
+        ),
+        (
+            '[uncertainty]\ny = "-1 mm"\n',
+            "{folder}/glint-aoa.toml: uncertainty.y: Input should be greater than or equal to 0",
+        ),
+    ],
+)
+def test_calibrations_that_cannot_be_joined_are_refused(calibrated, text, message):
+    path = calibrated(text)
+    with pytest.raises(SetupError) as refused:
+        load_setup(path)
+    assert str(refused.value) == message.format(folder=path.parent)

@@ -1,0 +1,126 @@
+"""The setup's sections of calibrations to apply, and of what is uncertain."""
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, get_type_hints
+
+import numpy as np
+import pydantic
+from pydantic import Field
+
+from glint_aoa.errors import SetupError
+from glint_aoa.setup.camera import Camera
+from glint_aoa.setup.section import Section, quantity, read_toml
+
+__all__ = ["Calibration", "Uncertainty", "calibrated_camera"]
+
+_KINDS = {
+    "camera": ("camera calibration", "camera"),
+    "pose": ("space resection", "resect"),
+}
+_SAME = 1e-6  # relative: the setup may repeat a calibrated value, rounded
+
+
+_NotNegative = Field(ge=0, allow_inf_nan=False)
+_MetresStd = Annotated[float, quantity("m"), _NotNegative]
+_RadiansStd = Annotated[float, quantity("rad"), _NotNegative]
+_NumberStd = Annotated[float, Field(strict=True, ge=0, allow_inf_nan=False)]
+
+
+class Calibration(Section):
+    """Calibrations to apply; paths are relative to the setup file."""
+
+    camera: str | None = Field(None, description="file of the camera calibration")
+    pose: str | None = Field(None, description="file of the space resection")
+    sweep: str | None = Field(None, description="file of the pitch sweep")
+
+
+class Uncertainty(Section):
+    """What is known of the geometry by tape or data sheet, 1 sigma; metres, radians, pixels."""
+
+    focal_length: _MetresStd = Field(0.0, description="of the principal distance")
+    pixel_pitch: tuple[_MetresStd, _MetresStd] = Field(
+        (0.0, 0.0), description="of the horizontal and the vertical pitch"
+    )
+    principal_point: tuple[_NumberStd, _NumberStd] = Field((0.0, 0.0), description="of u, v")
+    distortion: tuple[_NumberStd, _NumberStd, _NumberStd, _NumberStd, _NumberStd] = Field(
+        (0.0, 0.0, 0.0, 0.0, 0.0), description="of k1, k2, p1, p2, k3"
+    )
+    position: tuple[_MetresStd, _MetresStd, _MetresStd] = Field(
+        (0.0, 0.0, 0.0), description="of the perspective centre X, Y, Z"
+    )
+    rotation: tuple[_RadiansStd, _RadiansStd, _RadiansStd] = Field(
+        (0.0, 0.0, 0.0), description="of omega, phi, kappa"
+    )
+    y: _MetresStd = Field(0.0, description="of the known Y of the glint")
+    yaw: _RadiansStd = Field(0.0, description="of the heading of the known vertical plane")
+
+
+def calibrated_camera(content: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Join a setup's own section of the camera with those of the calibrations that it names.
+
+    Parameters
+    ----------
+    content : mapping
+        The setup as TOML gives it.
+    folder : Path
+        Folder that the calibrations' paths are relative to.
+
+    Returns
+    -------
+    dict
+        The section ``[camera]``, not yet validated.
+
+    Raises
+    ------
+    SetupError
+        If a calibration cannot be read, is of another kind, or contradicts the setup.
+    """
+    camera: dict[str, Any] = content.get("camera", {})
+    calibration = content.get("calibration", {})
+    if not isinstance(camera, dict) or not isinstance(calibration, dict):
+        return camera  # validation will refuse it
+    for key, (kind, command) in _KINDS.items():
+        name = calibration.get(key)
+        if isinstance(name, str):
+            camera = _joined(camera, _camera_of(folder / name, kind, command), folder / name)
+    return camera
+
+
+def _camera_of(path: Path, kind: str, command: str) -> dict[str, Any]:
+    missing = f"no such {kind}; make one with glint-aoa calibrate {command}"
+    content = read_toml(path, missing=missing)
+    section = content.get("camera")
+    if content.get("kind") != kind or not isinstance(section, dict):
+        raise SetupError(f"{path}: not a {kind}; make one with glint-aoa calibrate {command}")
+    unknown = [key for key in section if key not in Camera.model_fields]
+    if unknown:
+        raise SetupError(f"{path}: unknown key camera.{unknown[0]}; make the file again")
+    return section
+
+
+def _joined(own: dict[str, Any], calibrated: dict[str, Any], path: Path) -> dict[str, Any]:
+    for key in own.keys() & calibrated.keys():
+        mine, theirs = (_numbers(key, each[key]) for each in (own, calibrated))
+        if mine is not None and not _same(mine, theirs):
+            raise SetupError(
+                f"camera.{key} is {own[key]} in the setup and {calibrated[key]} in {path}; "
+                "take it out of the setup, or the calibration"
+            )
+    return own | calibrated
+
+
+def _numbers(key: str, value: Any) -> tuple[float, ...] | None:
+    """Return the numbers in SI units; None for a value that validation will refuse."""
+    field = pydantic.TypeAdapter[Any](get_type_hints(Camera, include_extras=True)[key])
+    try:
+        return tuple(np.atleast_1d(np.array(field.validate_python(value), np.float64)))
+    except pydantic.ValidationError:
+        return None
+
+
+def _same(mine: tuple[float, ...], theirs: tuple[float, ...] | None) -> bool:
+    return theirs is None or all(
+        math.isclose(a, b, rel_tol=_SAME, abs_tol=1e-12) for a, b in zip(mine, theirs, strict=True)
+    )

@@ -1,0 +1,187 @@
+"""A section of a file of settings: its kinds of values, and how it is read."""
+
+import difflib
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+import pydantic
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field
+
+from glint_aoa.errors import InputError, SetupError
+from glint_aoa.units import convert, parse_quantity
+
+__all__ = [
+    "Count",
+    "Metres",
+    "Number",
+    "PositiveCount",
+    "PositiveHertz",
+    "PositiveMetres",
+    "PositiveSeconds",
+    "Radians",
+    "Section",
+    "Unit",
+    "finite",
+    "load_section",
+    "nearest",
+    "positive",
+    "quantity",
+    "read_toml",
+    "validated",
+]
+
+
+def quantity(unit: str) -> BeforeValidator:
+    """Return a validator that reads a string such as ``"9.8 Hz"`` as a number in `unit`."""
+    return BeforeValidator(_parser(unit))
+
+
+def _parser(unit: str) -> Callable[[Any], float]:
+    return lambda value: parse_quantity(value, unit)
+
+
+def finite(value: float) -> float:
+    """Refuse what is not a finite number."""
+    if not abs(value) < float("inf"):
+        raise ValueError(f"{value} is not a finite number")
+    return value
+
+
+def _positive(value: float) -> float:
+    if not finite(value) > 0:
+        raise ValueError(f"{value:g} must be greater than zero")
+    return value
+
+
+positive = AfterValidator(_positive)
+"""Validator: finite and greater than zero."""
+
+
+def _known_unit(unit: str) -> str:
+    convert(unit, unit)
+    return unit
+
+
+Number = Annotated[float, Field(strict=True), AfterValidator(finite)]
+Metres = Annotated[float, quantity("m"), AfterValidator(finite)]
+PositiveMetres = Annotated[Metres, positive]
+Radians = Annotated[float, quantity("rad"), AfterValidator(finite)]
+PositiveSeconds = Annotated[float, quantity("s"), positive]
+PositiveHertz = Annotated[float, quantity("Hz"), positive]
+Unit = Annotated[str, AfterValidator(_known_unit)]
+Count = Annotated[int, Field(strict=True, ge=0)]
+PositiveCount = Annotated[int, Field(strict=True, ge=1)]
+
+
+class Section(pydantic.BaseModel):
+    """A frozen part of a file of settings; keys that it does not know are errors."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+_S = TypeVar("_S", bound=Section)
+
+
+def load_section(path: Path, section: type[_S]) -> _S:
+    """Read a TOML file that holds one section.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    section : type
+        What it holds.
+
+    Returns
+    -------
+    Section
+        In SI units and radians.
+
+    Raises
+    ------
+    SetupError
+        As for `load_setup`.
+    """
+    return validated(path, read_toml(path, missing="no such file"), section)
+
+
+def read_toml(path: Path, *, missing: str, error: type[InputError] = SetupError) -> dict[str, Any]:
+    """Read a TOML file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    missing : str
+        What to say where it is not there.
+    error : type, optional
+        What to raise.
+
+    Returns
+    -------
+    dict
+        Its content.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, cannot be read or is not TOML.
+    """
+    try:
+        with path.open("rb") as file:
+            return tomllib.load(file)
+    except FileNotFoundError:
+        raise error(f"{path}: {missing}") from None
+    except (OSError, UnicodeDecodeError) as problem:
+        raise error(f"{path}: the file cannot be read ({problem})") from None
+    except tomllib.TOMLDecodeError as problem:
+        raise error(f"{path}: not a TOML file: {problem}") from None
+
+
+def validated(path: Path, content: dict[str, Any], section: type[_S]) -> _S:
+    """Make a section of what a file holds; the first problem is named with file and key."""
+    try:
+        return section.model_validate(content)
+    except pydantic.ValidationError as error:
+        raise SetupError(f"{path}: {_first_problem(error, section)}") from None
+
+
+def _first_problem(error: pydantic.ValidationError, section: type[Section]) -> str:
+    problems = error.errors(include_url=False)
+    unknown = (each for each in problems if each["type"] == "extra_forbidden")
+    problem = next(unknown, problems[0])
+    where = _dotted(problem["loc"])
+    if problem["type"] == "extra_forbidden":
+        *parents, key = problem["loc"]
+        return f"unknown key {where}; {nearest(str(key), _section_at(parents, section))}"
+    message = problem["msg"].removeprefix("Value error, ")
+    return f"{where}: {message}" if where else message
+
+
+def _dotted(loc: tuple[int | str, ...]) -> str:
+    parts = ""
+    for part in loc:
+        parts += f"[{part}]" if isinstance(part, int) else f".{part}" if parts else str(part)
+    return parts
+
+
+def _section_at(parents: list[int | str], section: type[Section]) -> type[Section]:
+    for name in (part for part in parents if isinstance(part, str)):
+        inner = _sections_in(section.model_fields[name].annotation)
+        section = inner[0] if inner else section
+    return section
+
+
+def _sections_in(annotation: Any) -> list[type[Section]]:
+    if isinstance(annotation, type) and issubclass(annotation, Section):
+        return [annotation]
+    return [each for part in getattr(annotation, "__args__", ()) for each in _sections_in(part)]
+
+
+def nearest(key: str, section: type[Section]) -> str:
+    """Say which known key an unknown one may have been meant for."""
+    known = [name for name in section.model_fields if name != "folder"]
+    close = difflib.get_close_matches(key, known, n=1)
+    return f"did you mean {close[0]}?" if close else f"known keys here: {', '.join(known)}"

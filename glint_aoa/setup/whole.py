@@ -1,0 +1,106 @@
+"""The whole setup file."""
+
+import hashlib
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from glint_aoa.errors import SetupError
+from glint_aoa.setup.calibration import Calibration, Uncertainty, calibrated_camera
+from glint_aoa.setup.camera import Camera, Fields
+from glint_aoa.setup.glint import Glint
+from glint_aoa.setup.inertial import Inertial
+from glint_aoa.setup.section import Section, nearest, read_toml, validated
+
+__all__ = ["Setup", "load_setup"]
+
+_CALIBRATED = {
+    "camera": ("focal_length", "pixel_pitch", "principal_point", "distortion"),
+    "pose": ("position", "rotation"),
+}
+
+
+class Setup(Section):
+    """A whole setup file."""
+
+    camera: Camera = Camera()
+    fields: Fields = Fields()
+    glint: Glint = Glint()
+    inertial: Inertial = Inertial()
+    calibration: Calibration = Calibration()
+    uncertainty: Uncertainty = Uncertainty()
+    folder: Path = Field(Path(), exclude=True)
+
+    @model_validator(mode="after")
+    def _reflection_is_seen_from_somewhere(self) -> Self:
+        if self.glint.reflection is not None and not self.camera.is_oriented:
+            raise ValueError(
+                "glint.reflection needs the camera's place; give focal_length, pixel_pitch and "
+                "position in [camera], or take [glint.reflection] out"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _is_calibrated_or_taped(self) -> Self:
+        for file, keys in _CALIBRATED.items():
+            if getattr(self.calibration, file) is None:
+                continue
+            for key in keys:
+                if np.any(getattr(self.uncertainty, key)):
+                    raise ValueError(
+                        f"uncertainty.{key} is given and calibration.{file} states it too; "
+                        "keep one of them"
+                    )
+        return self
+
+    @property
+    def hash(self) -> str:
+        """First 12 hexadecimal digits of the SHA-256 of what the setup says."""
+        return hashlib.sha256(self.model_dump_json().encode()).hexdigest()[:12]
+
+    @property
+    def sweep_path(self) -> Path | None:
+        """Path of the pitch-sweep calibration, or None."""
+        return self._path(self.calibration.sweep)
+
+    @property
+    def camera_path(self) -> Path | None:
+        """Path of the camera calibration, or None."""
+        return self._path(self.calibration.camera)
+
+    @property
+    def pose_path(self) -> Path | None:
+        """Path of the space resection, or None."""
+        return self._path(self.calibration.pose)
+
+    def _path(self, name: str | None) -> Path | None:
+        return None if name is None else self.folder / name
+
+
+def load_setup(path: str | Path) -> Setup:
+    """Read a setup file.
+
+    Parameters
+    ----------
+    path : str or Path
+        The TOML file.
+
+    Returns
+    -------
+    Setup
+        The setup, in SI units and radians.
+
+    Raises
+    ------
+    SetupError
+        If the file cannot be read, is not TOML, or holds an unknown key or a wrong value; the
+        message names the file and the key.
+    """
+    path = Path(path)
+    content = read_toml(path, missing="no such setup file; give one with --setup")
+    if "folder" in content:
+        raise SetupError(f"{path}: unknown key folder; {nearest('folder', Setup)}")
+    camera = calibrated_camera(content, path.parent)
+    return validated(path, {**content, "camera": camera, "folder": path.parent}, Setup)
