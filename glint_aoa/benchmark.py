@@ -1,4 +1,4 @@
-"""Optical against inertial: runs and points, the paper's Table 4, and repeatability.
+"""Optical against inertial: runs and points, and the paper's Table 4.
 
 In each run the shaker is off at the first and the last point. The mean of the two is subtracted
 from every point of the run, technique by technique, and what is left at the points with the
@@ -16,18 +16,18 @@ from glint_aoa.errors import InputError
 from glint_aoa.records.acquisition import AcquisitionRecord
 
 __all__ = [
-    "PAPER_REPEATABILITY",
     "PAPER_TABLE_4",
     "TECHNIQUES",
     "BenchmarkPoint",
     "PaperRow",
     "PointError",
-    "RepeatabilityRow",
     "Table4Row",
+    "by_run",
     "check_runs",
+    "less",
     "moment_peak_to_peak_in_lb",
     "point_errors",
-    "repeatability",
+    "sample_std",
     "table4",
 ]
 
@@ -38,10 +38,8 @@ Technique = Literal["video", "inertial", "inertial corrected"]
 TECHNIQUES: tuple[Technique, ...] = ("video", "inertial", "inertial corrected")
 """The techniques of Table 4, and the paper's inertial technique after correction."""
 
-_Units = Literal["deg", "in"]
 _PLANES: tuple[Plane, ...] = ("yaw", "pitch")
 _KINDS: tuple[Kind, ...] = ("sine", "modulated sine", "random")
-_MM_PER_IN = 25.4
 
 
 @dataclass(frozen=True)
@@ -62,21 +60,6 @@ PAPER_TABLE_4: dict[tuple[str, str], PaperRow] = {
 }
 """Table 4 of the paper, "Summary of AOA Error for Video and Inertial AOA Measurements", by
 technique and excitation plane."""
-
-PAPER_REPEATABILITY: dict[tuple[str, str], float] = {
-    ("video angle, short term", "mean std"): 0.0018,
-    ("video angle, short term", "max std"): 0.0034,
-    ("intercept, short term", "mean std"): 0.0002,
-    ("intercept, short term", "max std"): 0.0006,
-    ("video angle, long term", "std"): 0.0035,
-    ("onboard angle, long term", "std"): 0.0026,
-    ("video - onboard, long term", "std"): 0.0016,
-    ("intercept, long term", "std"): 0.0012,
-    ("video angle, first - last", "std"): 0.0039,
-    ("onboard angle, first - last", "std"): 0.0023,
-}
-"""Repeatability with the shaker off, from the paper's section "Optical System"; angles in
-degrees, intercepts in inches."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -210,37 +193,6 @@ class Table4Row:
     paper: PaperRow | None
 
 
-@dataclass(frozen=True)
-class RepeatabilityRow:
-    """One figure of repeatability with the shaker off.
-
-    Attributes
-    ----------
-    quantity, statistic : str
-        What it is the repeatability of, and how it is expressed.
-    value : float or None
-        The figure, 1 sigma [`units`]; None where there are too few points.
-    units : {"deg", "in"}
-        Unit of `value` and `paper`.
-    count : int
-        Number of points (or of runs, for first - last) behind it.
-    paper : float
-        What the paper found [`units`].
-    """
-
-    quantity: str
-    statistic: str
-    value: float | None
-    units: _Units
-    count: int
-    paper: float
-
-    @property
-    def value_mm(self) -> float | None:
-        """A length in millimetres [mm]; None for angles."""
-        return None if self.value is None or self.units == "deg" else self.value * _MM_PER_IN
-
-
 def check_runs(points: Iterable[BenchmarkPoint]) -> None:
     """Check that each run starts and ends with the shaker off; no angle is looked at.
 
@@ -254,7 +206,7 @@ def check_runs(points: Iterable[BenchmarkPoint]) -> None:
     InputError
         If a run does not, or there are no points; the message names the run.
     """
-    for run, members in _by_run(points).items():
+    for run, members in by_run(points).items():
         _check_ends(run, members)
 
 
@@ -278,7 +230,7 @@ def point_errors(points: Iterable[BenchmarkPoint]) -> list[PointError]:
         the message names the run.
     """
     errors = []
-    for run, members in _by_run(points).items():
+    for run, members in by_run(points).items():
         _check_ends(run, members)
         ends = members[0], members[-1]
         video, inertial = (_zero(run, ends, technique) for technique in TECHNIQUES[:2])
@@ -286,9 +238,9 @@ def point_errors(points: Iterable[BenchmarkPoint]) -> list[PointError]:
         errors += [
             PointError(
                 point=point,
-                video_deg=_less(point.angle_deg("video"), video),
-                inertial_deg=_less(point.angle_deg("inertial"), inertial),
-                corrected_deg=_less(point.angle_deg("inertial corrected"), corrected),
+                video_deg=less(point.angle_deg("video"), video),
+                inertial_deg=less(point.angle_deg("inertial"), inertial),
+                corrected_deg=less(point.angle_deg("inertial corrected"), corrected),
             )
             for point in members
             if not point.shaker_off
@@ -326,36 +278,6 @@ def table4(errors: Sequence[PointError], *, by_kind: bool = False) -> list[Table
     return rows
 
 
-def repeatability(points: Iterable[BenchmarkPoint]) -> list[RepeatabilityRow]:
-    """Evaluate repeatability from the points with the shaker off, as the paper does.
-
-    Short term: standard deviation over the fields of a point, mean and largest over the points.
-    Long term: standard deviation of the points' means, pooled over runs of one nominal angle
-    (n - 1 in each group; runs without a nominal angle stand alone). First - last: standard
-    deviation over the runs of the difference between a run's first and last point.
-
-    Parameters
-    ----------
-    points : iterable of BenchmarkPoint
-        All points; those with the shaker on are left out.
-
-    Returns
-    -------
-    list of RepeatabilityRow
-        Each beside the paper's figure.
-
-    Raises
-    ------
-    InputError
-        If a run does not start and end with the shaker off.
-    """
-    runs = _by_run(points)
-    for run, members in runs.items():
-        _check_ends(run, members)
-    off = [point for members in runs.values() for point in members if point.shaker_off]
-    return [*_short_term(off), *_long_term(off), *_first_minus_last(runs)]
-
-
 def moment_peak_to_peak_in_lb(record: AcquisitionRecord, plane: Plane) -> float | None:
     """Return the peak-to-peak balance moment of a record.
 
@@ -382,7 +304,8 @@ def moment_peak_to_peak_in_lb(record: AcquisitionRecord, plane: Plane) -> float 
     return None
 
 
-def _by_run(points: Iterable[BenchmarkPoint]) -> dict[str, list[BenchmarkPoint]]:
+def by_run(points: Iterable[BenchmarkPoint]) -> dict[str, list[BenchmarkPoint]]:
+    """Sort points into their runs, in the order given; refuse none at all."""
     runs: dict[str, list[BenchmarkPoint]] = {}
     for point in points:
         runs.setdefault(point.run, []).append(point)
@@ -426,7 +349,8 @@ def _zero(run: str, ends: Sequence[BenchmarkPoint], technique: Technique) -> flo
     return mean
 
 
-def _less(angle: float | None, zero: float | None) -> float | None:
+def less(angle: float | None, zero: float | None) -> float | None:
+    """Return the difference; None where one of the two is not there."""
     return None if angle is None or zero is None else angle - zero
 
 
@@ -436,85 +360,13 @@ def _table4_row(technique: Technique, plane: Plane, kind: str, values: list[floa
         excitation=plane,
         kind=kind,
         mean_deg=float(np.mean(values)),
-        std_deg=_sample_std(values),
+        std_deg=sample_std(values),
         max_deg=max(values, key=abs),
         points=len(values),
         paper=PAPER_TABLE_4.get((technique, plane)) if kind == "all" else None,
     )
 
 
-def _sample_std(values: Sequence[float]) -> float | None:
+def sample_std(values: Sequence[float]) -> float | None:
+    """Return the standard deviation over n - 1; None for less than two values."""
     return float(np.std(values, ddof=1)) if len(values) > 1 else None
-
-
-def _short_term(off: Sequence[BenchmarkPoint]) -> list[RepeatabilityRow]:
-    angle = [point.optical_std_deg for point in off]
-    intercept = [point.intercept_std_mm / _MM_PER_IN for point in off]
-    return [
-        *_mean_and_max("video angle, short term", angle, "deg"),
-        *_mean_and_max("intercept, short term", intercept, "in"),
-    ]
-
-
-def _mean_and_max(quantity: str, values: Sequence[float], units: _Units) -> list[RepeatabilityRow]:
-    measured = [value for value in values if math.isfinite(value)]
-    mean, largest = (float(np.mean(measured)), max(measured)) if measured else (None, None)
-    return [
-        _row(quantity, "mean std", mean, units, len(measured)),
-        _row(quantity, "max std", largest, units, len(measured)),
-    ]
-
-
-def _long_term(off: Sequence[BenchmarkPoint]) -> list[RepeatabilityRow]:
-    video = [(point, point.angle_deg("video")) for point in off]
-    onboard = [(point, point.angle_deg("inertial")) for point in off]
-    both = [
-        (point, _less(optical, inertial))
-        for (point, optical), (_, inertial) in zip(video, onboard, strict=True)
-    ]
-    intercept = [
-        (point, point.intercept_mm / _MM_PER_IN if math.isfinite(point.intercept_mm) else None)
-        for point in off
-    ]
-    return [
-        _row("video angle, long term", "std", _pooled_std(video), "deg", _measured(video)),
-        _row("onboard angle, long term", "std", _pooled_std(onboard), "deg", _measured(onboard)),
-        _row("video - onboard, long term", "std", _pooled_std(both), "deg", _measured(both)),
-        _row("intercept, long term", "std", _pooled_std(intercept), "in", _measured(intercept)),
-    ]
-
-
-def _measured(values: Sequence[tuple[BenchmarkPoint, float | None]]) -> int:
-    return sum(value is not None for _, value in values)
-
-
-def _pooled_std(values: Sequence[tuple[BenchmarkPoint, float | None]]) -> float | None:
-    groups: dict[float | str, list[float]] = {}
-    for point, value in values:
-        nominal = point.nominal_angle_deg
-        if value is not None:
-            groups.setdefault(point.run if nominal is None else nominal, []).append(value)
-    freedom = sum(len(group) - 1 for group in groups.values())
-    if freedom < 1:
-        return None
-    squares = sum(float(np.var(group)) * len(group) for group in groups.values())
-    return math.sqrt(squares / freedom)
-
-
-def _first_minus_last(runs: dict[str, list[BenchmarkPoint]]) -> list[RepeatabilityRow]:
-    rows = []
-    for name, technique in (("video angle", TECHNIQUES[0]), ("onboard angle", TECHNIQUES[1])):
-        ends = [
-            (run[0].angle_deg(technique), run[-1].angle_deg(technique)) for run in runs.values()
-        ]
-        differences = [value for pair in ends if (value := _less(*pair)) is not None]
-        quantity = f"{name}, first - last"
-        rows.append(_row(quantity, "std", _sample_std(differences), "deg", len(differences)))
-    return rows
-
-
-def _row(
-    quantity: str, statistic: str, value: float | None, units: _Units, count: int
-) -> RepeatabilityRow:
-    paper = PAPER_REPEATABILITY[quantity, statistic]
-    return RepeatabilityRow(quantity, statistic, value, units, count, paper)

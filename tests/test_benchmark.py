@@ -12,16 +12,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from glint_aoa.benchmark import (
-    PAPER_REPEATABILITY,
     PAPER_TABLE_4,
     BenchmarkPoint,
     moment_peak_to_peak_in_lb,
     point_errors,
-    repeatability,
     table4,
 )
 from glint_aoa.errors import InputError, OutputError, RecordingError
 from glint_aoa.records.acquisition import AcquisitionRecord, Channel
+from glint_aoa.repeatability import PAPER_REPEATABILITY, repeatability
 from glint_aoa.report.tables import (
     format_repeatability,
     format_table4,

@@ -79,8 +79,9 @@ def run_benchmark(
     """Process, correct and compare points; write the tables and return them."""
     from dataclasses import asdict
 
-    from glint_aoa.benchmark import point_errors, repeatability, table4
+    from glint_aoa.benchmark import point_errors, table4
     from glint_aoa.campaign import compare_points
+    from glint_aoa.repeatability import repeatability
     from glint_aoa.report import figures, tables
 
     check_names(points, taken=["log", *(Path(name).stem for name in _TABLES)])

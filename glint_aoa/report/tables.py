@@ -4,8 +4,9 @@ import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from glint_aoa.benchmark import PaperRow, PointError, RepeatabilityRow, Table4Row
+from glint_aoa.benchmark import PaperRow, PointError, Table4Row
 from glint_aoa.records.tables import write_csv
+from glint_aoa.repeatability import RepeatabilityRow
 
 __all__ = [
     "format_repeatability",
