@@ -43,42 +43,73 @@ def points(rng, n=50):
     return rng.uniform([-0.15, -0.1, -0.05], [0.15, 0.1, 0.1], (n, 3))
 
 
-def test_projection_is_opencvs():
-    cam, xyz = camera(), points(np.random.default_rng(1))
+anywhere = {"u": st.floats(0, 751), "v": st.floats(0, 239.5)}
+any_plane = {"y": st.floats(-0.2, 0.2), "yaw": st.floats(-0.2, 0.2)}
+any_camera = {
+    "angles": st.tuples(*[st.floats(-0.1, 0.1)] * 3),
+    "lens": st.tuples(
+        st.floats(-0.5, 0.5),
+        st.floats(-0.5, 0.5),
+        st.floats(-0.005, 0.005),
+        st.floats(-0.005, 0.005),
+        st.floats(-0.5, 0.5),
+    ),
+}
+
+
+@given(seed=st.integers(0, 2**32 - 1), **any_camera)
+def test_projection_is_opencvs(seed, angles, lens):
+    cam, xyz = camera(rotation=angles, distortion=lens), points(np.random.default_rng(seed), 5)
     matrix, rotation, translation = in_opencv(cam)
-    expected, _ = cv2.projectPoints(xyz, rotation, translation, matrix, np.array(cam.distortion))
+    expected, _ = cv2.projectPoints(xyz, rotation, translation, matrix, np.array(lens))
     np.testing.assert_allclose(np.stack(project(xyz, camera=cam), -1), expected[:, 0], atol=1e-9)
 
 
-def test_undistortion_is_opencvs():
-    cam = camera()
-    matrix, _, _ = in_opencv(cam)
-    rng = np.random.default_rng(2)
-    pixels = rng.uniform([0, 0], [751, 239], (50, 2))
-    expected = cv2.undistortPoints(
-        pixels[:, None],
-        matrix,
+def undistorted_by_opencv(u, v, cam):
+    """Return normalised coordinates, to the right and down."""
+    return cv2.undistortPoints(
+        np.array([[[u, v]]]),
+        in_opencv(cam)[0],
         np.array(cam.distortion),
         criteria=(cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-14),
-    )[:, 0]
-    x, z = image_plane(*pixels.T, principal_point=cam.principal_point, pixel_pitch=cam.pixel_pitch)
+    )[0, 0]
+
+
+@given(**anywhere, lens=any_camera["lens"])
+def test_undistortion_is_opencvs(u, v, lens):
+    cam = camera(distortion=lens)
+    x, z = image_plane(u, v, principal_point=cam.principal_point, pixel_pitch=cam.pixel_pitch)
     x, z = undistort(x, z, focal_length=cam.focal_length, distortion=cam.distortion)
-    got = np.stack([x, -z], -1) / cam.focal_length
-    np.testing.assert_allclose(got, expected, atol=1e-9)
+    got = np.array([x, -z]) / cam.focal_length
+    np.testing.assert_allclose(got, undistorted_by_opencv(u, v, cam), atol=1e-9)
 
 
-@given(
-    u=st.floats(0, 751),
-    v=st.floats(0, 239.5),
-    angles=st.tuples(*[st.floats(-0.1, 0.1)] * 3),
-    y=st.floats(-0.2, 0.2),
-    yaw=st.floats(-0.2, 0.2),
-)
-def test_pixel_to_plane_and_back(u, v, angles, y, yaw):
-    plane = PixelToPlane.of_camera(camera(rotation=angles), y=y, yaw=yaw)
-    along, height = plane(u, v)
-    again = plane.to_pixels(along, height)
-    np.testing.assert_allclose(again, (u, v), atol=1e-9)
+@given(**anywhere, **any_plane, **any_camera)
+def test_collinearity_with_known_y_is_opencvs_ray_on_the_plane(u, v, y, yaw, angles, lens):
+    """The ray that OpenCV's camera sees the pixel by, cut with the plane as linear equations."""
+    cam = camera(rotation=angles, distortion=lens)
+    _, rotation, translation = in_opencv(cam)
+    x, down = undistorted_by_opencv(u, v, cam)
+    to_camera = cv2.Rodrigues(rotation)[0]
+    # camera coordinates t (x, down, 1) of the point (s cos, y + s sin, z): three equations
+    unknown = np.stack(
+        [to_camera @ (np.cos(yaw), np.sin(yaw), 0), to_camera[:, 2], (-x, -down, -1.0)], axis=1
+    )
+    s, z, _ = np.linalg.solve(unknown, -translation - to_camera @ (0, y, 0))
+    got = PixelToPlane.of_camera(cam, y=y, yaw=yaw)(u, v)
+    np.testing.assert_allclose(got, (s, z), atol=1e-9)
+
+
+@given(**anywhere, **any_plane, **any_camera)
+def test_pixel_to_plane_and_back(u, v, y, yaw, angles, lens):
+    plane = PixelToPlane.of_camera(camera(rotation=angles, distortion=lens), y=y, yaw=yaw)
+    np.testing.assert_allclose(plane.to_pixels(*plane(u, v)), (u, v), rtol=0, atol=1e-10)
+
+
+@given(s=st.floats(-0.15, 0.15), z=st.floats(-0.05, 0.15), **any_plane, **any_camera)
+def test_plane_to_pixel_and_back(s, z, y, yaw, angles, lens):
+    plane = PixelToPlane.of_camera(camera(rotation=angles, distortion=lens), y=y, yaw=yaw)
+    np.testing.assert_allclose(plane(*plane.to_pixels(s, z)), (s, z), rtol=0, atol=1e-10)
 
 
 def test_a_ray_through_a_point_of_the_plane_finds_it():
