@@ -1,7 +1,7 @@
 """A polynomial through points with errors in both variables."""
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,10 +9,13 @@ from scipy import optimize
 
 from glint_aoa.errors import CalibrationError
 
+__all__ = ["PolynomialFit", "corrected_criterion", "fit_polynomial"]
+
 Floats = NDArray[np.float64]
 
 _MOST_STEPS = 50
 _SAME_ABSCISSA = 1e-15  # of half the range
+_ROUGH = 1e-6  # relative: what a resistant curve is needed to
 
 
 class PolynomialFit(NamedTuple):
@@ -23,7 +26,16 @@ class PolynomialFit(NamedTuple):
     chi_square: float
 
 
-def fit_polynomial(t: Floats, st: Floats, y: Floats, sy: Floats, degree: int) -> PolynomialFit:
+def fit_polynomial(
+    t: Floats,
+    st: Floats,
+    y: Floats,
+    sy: Floats,
+    degree: int,
+    *,
+    loss: Literal["linear", "soft_l1"] = "linear",
+    loss_scale: float = 1.0,
+) -> PolynomialFit:
     """Minimise the distances of the points from the curve, in units of both uncertainties.
 
     The point of the curve nearest to a measured one is found anew for each trial of the
@@ -39,6 +51,16 @@ def fit_polynomial(t: Floats, st: Floats, y: Floats, sy: Floats, degree: int) ->
         Ordinates and their uncertainties, 1 sigma.
     degree : int
         Degree of the polynomial.
+    loss : {"linear", "soft_l1"}
+        Least squares; or nearly least absolute deviations, which few wrong points hardly move.
+    loss_scale : float
+        Distance, in standard deviations, from which "soft_l1" counts a point by its distance
+        and no longer by the square of it.
+
+    Returns
+    -------
+    PolynomialFit
+        The covariance is that of least squares whatever the loss.
 
     Raises
     ------
@@ -58,8 +80,18 @@ def fit_polynomial(t: Floats, st: Floats, y: Floats, sy: Floats, degree: int) ->
         return np.asarray(powers / np.hypot(sy, slope * st)[:, None], np.float64)
 
     start = np.polynomial.polynomial.polyfit(t, y, degree, w=1 / sy)
+    tolerance = 1e-14 if loss == "linear" else _ROUGH
     solution = optimize.least_squares(
-        distances, start, jac=jacobian, x_scale="jac", xtol=1e-14, ftol=1e-14, gtol=1e-14
+        distances,
+        start,
+        jac=jacobian,
+        method="lm" if loss == "linear" else "trf",
+        x_scale="jac",
+        xtol=tolerance,
+        ftol=tolerance,
+        gtol=tolerance,
+        loss=loss,
+        f_scale=loss_scale,
     )
     if not solution.success:
         raise CalibrationError(
@@ -67,7 +99,7 @@ def fit_polynomial(t: Floats, st: Floats, y: Floats, sy: Floats, degree: int) ->
             "look for a point that is wrong, or choose a lower degree"
         )
     inverse = np.linalg.inv(np.linalg.qr(jacobian(solution.x), mode="r"))
-    return PolynomialFit(solution.x, inverse @ inverse.T, float(2 * solution.cost))
+    return PolynomialFit(solution.x, inverse @ inverse.T, float(np.sum(solution.fun**2)))
 
 
 def _nearest_abscissae(
@@ -87,24 +119,47 @@ def _nearest_abscissae(
 
 
 def _value_and_slope(coefficients: Floats, t: Floats) -> tuple[Floats, Floats]:
-    derivative = np.polynomial.polynomial.polyder(coefficients)
-    return (
-        np.asarray(np.polynomial.polynomial.polyval(t, coefficients), np.float64),
-        np.asarray(np.polynomial.polynomial.polyval(t, derivative), np.float64),
-    )
+    """Evaluate a polynomial and its derivative together (Horner)."""
+    value, slope = np.zeros_like(t), np.zeros_like(t)
+    for coefficient in coefficients[::-1]:
+        slope = slope * t + value
+        value = value * t + coefficient
+    return value, slope
 
 
-def corrected_criterion(fits: Mapping[int, PolynomialFit], n_points: int) -> dict[int, float]:
-    """Akaike's criterion, corrected for few points and for scatter beyond the stated one."""
-    largest = max(fits)
-    freedom = n_points - (largest + 1)
-    if len(fits) < 2 or freedom < 1:
+def corrected_criterion(
+    chi_square: Mapping[int, float], n_points: int, *, curves: int = 1
+) -> dict[int, float]:
+    """Akaike's criterion, corrected for few points and for scatter beyond the stated one.
+
+    Parameters
+    ----------
+    chi_square : mapping of int to float
+        Chi-square of each degree, summed over the curves.
+    n_points : int
+        Points of all curves.
+    curves : int
+        Curves that share the degree.
+
+    Returns
+    -------
+    dict of int to float
+        By degree, relative to the least; empty where there is nothing to choose from.
+
+    Notes
+    -----
+    Hurvich and Tsai, Biometrika 76, 297 (1989); the dispersion is that of the highest degree, as
+    for overdispersed data (Burnham and Anderson, *Model Selection*, 2002, section 2.5).
+    """
+    largest = max(chi_square)
+    freedom = n_points - curves * (largest + 1)
+    if len(chi_square) < 2 or freedom < 1:
         return {}
-    dispersion = max(1.0, fits[largest].chi_square / freedom)
+    dispersion = max(1.0, chi_square[largest] / freedom)
     criterion = {}
-    for degree, fit in fits.items():
-        k = degree + 1
+    for degree, chi2 in chi_square.items():
+        k = curves * (degree + 1)
         correction = 2 * k * (k + 1) / (n_points - k - 1)
-        criterion[degree] = fit.chi_square / dispersion + 2 * k + correction
+        criterion[degree] = chi2 / dispersion + 2 * k + correction
     least = min(criterion.values())
     return {degree: value - least for degree, value in criterion.items()}

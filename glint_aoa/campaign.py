@@ -7,21 +7,23 @@ from typing import Any
 
 import numpy as np
 
-from calibration.sweep import DEFAULT_ONBOARD_STD_DEG, PitchSweep, Provenance, fit_sweep
+from calibration.drift import Drift, check_drift
+from calibration.sweep import PitchSweep, Provenance, fit_sweep_points
+from calibration.sweep_point import in_order_of_time
+from glint_aoa.at_rest import measure_at_rest
 from glint_aoa.benchmark import BenchmarkPoint, check_runs, moment_peak_to_peak_in_lb
-from glint_aoa.errors import CalibrationError, InputError, RecordingError
+from glint_aoa.errors import InputError, RecordingError
 from glint_aoa.inertial.correct import correct
 from glint_aoa.inertial.static import static_angle
-from glint_aoa.process import measure_point, process_point
+from glint_aoa.process import process_point
 from glint_aoa.records.acquisition import AcquisitionRecord
 from glint_aoa.records.angles import check_new_results
 from glint_aoa.records.conditioning import prepared
 from glint_aoa.records.formats import open_acquisition, open_fields
 from glint_aoa.setup import Setup
 
-__all__ = ["calibrate_sweep", "compare_points"]
+__all__ = ["calibrate_sweep", "check_sweep", "compare_points"]
 
-_PACKAGE = ("aoa_unfiltered", "aoa_filtered", "temperature")
 _SAME_ANGLE_DEG = 0.1  # a run whose nominal angles differ by more is a sweep
 
 
@@ -38,11 +40,13 @@ def calibrate_sweep(
     Parameters
     ----------
     paths : sequence of str or Path
-        Recorded points with fields and the package's output, the model at rest.
+        Recorded points with fields and the package's output, the model at rest; at one tunnel
+        temperature or several. Where it shakes all the same, the onboard angle is corrected for
+        the bias of vibration, if setup and record have what that takes.
     setup : Setup
         The setup; a sweep that it names is not applied.
     degree : int, optional
-        Degree of the polynomial; chosen by information criterion if not given.
+        Degree of the polynomials; chosen by information criterion if not given.
     onboard_accuracy_deg : float, optional
         Error that all onboard angles share, 1 sigma [deg].
     progress : callable, optional
@@ -56,30 +60,68 @@ def calibrate_sweep(
     Raises
     ------
     CalibrationError
-        If a point shows no glint, or the points do not determine the polynomial.
+        If a point shows no glint, or the points do not determine the polynomials.
     InputError
         If a recording or the setup cannot be used.
     """
-    optical, onboard = [], []
+    measured = []
     for path in map(Path, paths):
-        row = measure_point(open_fields(path), setup).log
-        if not row["n_used"]:
-            raise CalibrationError(f"{path}: no field could be measured; leave the point out")
-        optical.append((row["mean_angle_deg"], row["mean_angle_std_deg"]))
-        onboard.append(static_angle(_package_alone(path, setup), setup.inertial))
+        measured.append(measure_at_rest(path, setup))
         if progress is not None:
             progress(path)
-    angles, stds = np.array(optical).reshape(-1, 2).T
-    onboard_angles, onboard_stds = np.array(onboard).reshape(-1, 2).T
-    return fit_sweep(
-        angles,
-        stds,
-        onboard_angles,
-        np.where(onboard_stds > 0, onboard_stds, DEFAULT_ONBOARD_STD_DEG),
+    points = [each.point for each in measured]
+    return fit_sweep_points(
+        points,
         degree=degree,
         onboard_accuracy_deg=onboard_accuracy_deg,
-        provenance=Provenance(files=tuple(Path(p).name for p in paths), setup_hash=setup.hash),
+        setup=measured[0].setup if measured else None,
+        provenance=Provenance(
+            files=tuple(Path(path).name for path in paths),
+            setup_hash=setup.hash,
+            date=in_order_of_time(points)[0].time if points else "",
+        ),
     )
+
+
+def check_sweep(
+    paths: Sequence[str | Path],
+    sweep: PitchSweep,
+    setup: Setup,
+    *,
+    progress: Callable[[Path], None] | None = None,
+) -> Drift:
+    """Hold points at rest that were taken later against a pitch sweep.
+
+    Parameters
+    ----------
+    paths : sequence of str or Path
+        Recorded points with fields and the package's output, the model at rest.
+    sweep : PitchSweep
+        The calibration.
+    setup : Setup
+        The setup that the sweep was measured with; a sweep that it names is not applied.
+    progress : callable, optional
+        Called with each path once its point is measured.
+
+    Returns
+    -------
+    Drift
+        Whether anything has moved, and what.
+
+    Raises
+    ------
+    CalibrationError
+        If a point shows no glint, or the setup is another than the sweep's.
+    InputError
+        If a recording or the setup cannot be used.
+    """
+    sweep.check_setup(setup)
+    points = []
+    for path in map(Path, paths):
+        points.append(measure_at_rest(path, setup).point)
+        if progress is not None:
+            progress(path)
+    return check_drift(sweep, points, setup)
 
 
 def compare_points(
@@ -133,13 +175,6 @@ def compare_points(
         if progress is not None:
             progress(path)
     return compared
-
-
-def _package_alone(path: str | Path, setup: Setup) -> AcquisitionRecord:
-    """Take what a model at rest needs; what else was recorded may have gaps of any length."""
-    record = open_acquisition(path, setup.inertial)
-    channels = {name: each for name, each in record.channels.items() if each.quantity in _PACKAGE}
-    return prepared(replace(record, channels=channels))
 
 
 def _sweeps(points: Iterable[BenchmarkPoint]) -> set[str]:

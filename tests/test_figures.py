@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from calibration.sweep import fit_sweep
 from glint_aoa.benchmark import BenchmarkPoint, PointError
 from glint_aoa.errors import OutputError
-from glint_aoa.report.figures import error_figure, field_with_line, save_figure, sweep_figure
+from glint_aoa.report.figures import error_figure, field_with_line, save_figure
 
 
 def error(plane, moment, video, inertial, corrected):
@@ -56,19 +55,6 @@ class TestErrorFigure:
 
     def test_nothing_to_draw(self, tmp_path):
         save_figure(error_figure([]), tmp_path / "empty.png")
-
-
-def test_sweep_figure():
-    angles = np.arange(-6.0, 6.01, 1.0)
-    sweep = fit_sweep(angles, 0.001, 1.01 * angles + 0.1, 0.002, degree=1)
-    above, below = sweep_figure(sweep).axes
-    points = drawn(above, "points").get_xydata()
-    assert points[:, 0] == pytest.approx(angles)
-    assert points[:, 1] == pytest.approx(0.01 * angles + 0.1)
-    assert drawn(above, "degree 1").get_ydata()[0] == pytest.approx(0.04)
-    assert above.get_ylabel() == "onboard - optical [deg]"
-    assert below.get_ylabel() == "residual [deg]"
-    assert below.get_xlabel() == "optical angle before calibration [deg]"
 
 
 class TestField:

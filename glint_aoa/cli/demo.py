@@ -45,7 +45,8 @@ def demo(
     """
     from glint_aoa.campaign import calibrate_sweep
     from glint_aoa.cli.benchmark import check_benchmark, run_benchmark, tell_flagged
-    from glint_aoa.report.figures import save_figure, sweep_figure
+    from glint_aoa.report.figures import save_figure
+    from glint_aoa.report.sweep_figures import sweep_figure
     from glint_aoa.setup import load_setup
 
     points, setup_file = out / "points", out / "glint-aoa.toml"

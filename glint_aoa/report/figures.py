@@ -1,4 +1,4 @@
-"""Figures: error against moment, the pitch sweep, and a field with its line.
+"""Figures: error against moment, and a field with its line.
 
 Each function returns a `matplotlib.figure.Figure` that belongs to no window and no global state;
 `save_figure` writes it.
@@ -12,7 +12,6 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from calibration.sweep import PitchSweep
 from glint_aoa.benchmark import PointError, Technique
 from glint_aoa.errors import OutputError
 from glint_aoa.optical.measure import fit_fields
@@ -23,7 +22,7 @@ from glint_aoa.records.fields import FieldStack
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["error_figure", "field_with_line", "measured_field", "save_figure", "sweep_figure"]
+__all__ = ["error_figure", "field_with_line", "measured_field", "save_figure"]
 
 # Okabe and Ito's colours, told apart with any colour vision; shapes tell them apart in grey
 _BLUE, _ORANGE, _GREEN, _GREY = "#0072B2", "#D55E00", "#009E73", "#7F7F7F"
@@ -77,63 +76,6 @@ def error_figure(errors: Sequence[PointError]) -> Figure:
         axes.grid(alpha=0.25)
     panels[0].set_ylabel("error of the mean angle [deg]")
     panels[0].legend(loc="lower left")
-    return figure
-
-
-def sweep_figure(sweep: PitchSweep) -> Figure:
-    """Draw a pitch sweep: what the calibration takes out, and what it leaves.
-
-    Parameters
-    ----------
-    sweep : PitchSweep
-        The calibration.
-
-    Returns
-    -------
-    Figure
-        Above, onboard less optical angle [deg] with the polynomial; below, residuals [deg] with
-        their stated uncertainty and that of the calibration, both 95 %, against optical angle.
-    """
-    figure = Figure(figsize=(8, 6), layout="constrained")
-    above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
-    angle = np.linspace(*sweep.range_deg, 201)
-    calibrated = sweep.apply(angle)
-    band = 1.96 * calibrated.systematic_std_deg
-    u95 = 1.96 * sweep.residual_std_deg
-    above.plot(angle, calibrated.angle_deg - angle, color=_BLUE, label=f"degree {sweep.degree}")
-    above.plot(
-        sweep.optical_deg,
-        sweep.onboard_deg - sweep.optical_deg,
-        linestyle="none",
-        marker="o",
-        markerfacecolor="none",
-        color=_ORANGE,
-        label="points",
-    )
-    above.set_ylabel("onboard - optical [deg]")
-    above.legend()
-    below.axhline(0, color=_GREY, linewidth=0.8)
-    below.fill_between(angle, -band, band, color=_BLUE, alpha=0.2, label="calibration, 95 %")
-    below.errorbar(
-        sweep.optical_deg,
-        sweep.residuals_deg,
-        yerr=u95,
-        fmt="o",
-        markerfacecolor="none",
-        color=_ORANGE,
-        capsize=2,
-        label="residuals, 95 %",
-    )
-    below.set_xlabel("optical angle before calibration [deg]")
-    below.set_ylabel("residual [deg]")
-    below.legend(ncols=2)
-    for axes in (above, below):
-        axes.grid(alpha=0.25)
-    ratio = sweep.reduced_chi_square
-    figure.suptitle(
-        f"No-flow pitch sweep, {sweep.optical_deg.size} points"
-        + ("" if ratio is None else f", reduced chi-square {ratio:.2f}")
-    )
     return figure
 
 
