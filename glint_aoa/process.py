@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from calibration.budget import GeometryCovariance, geometry_std_deg, uncertain_geometry
 from calibration.sweep import PitchSweep
 from glint_aoa._version import __version__
 from glint_aoa.aliasing import AliasedMotion, aliased_motion
@@ -18,10 +19,10 @@ from glint_aoa.optical.average import MeanAngle, mean_angle
 from glint_aoa.optical.measure import FieldAngles, Measurement, measure_stack
 from glint_aoa.records.angles import angle_record, check_new_results, write_results
 from glint_aoa.records.fields import FieldStack
-from glint_aoa.records.formats import open_fields
-from glint_aoa.records.formats.hdf5 import has_acquisition, read_acquisition
+from glint_aoa.records.formats import channels_beside, open_acquisition, open_fields
 from glint_aoa.records.recording import Recording, resolve_recording
 from glint_aoa.setup import Setup
+from glint_aoa.sweep_use import SweptAngles, apply_sweep, stack_temperature
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -68,9 +69,14 @@ def load_sweep(setup: Setup) -> PitchSweep | None:
     Raises
     ------
     CalibrationError
-        If the file is missing or not a pitch sweep.
+        If the file is missing or not a pitch sweep, or it was measured with another camera, known
+        Y, nose or reflection.
     """
-    return None if setup.sweep_path is None else PitchSweep.load(setup.sweep_path)
+    if setup.sweep_path is None:
+        return None
+    sweep = PitchSweep.load(setup.sweep_path)
+    sweep.check_setup(setup, source=setup.sweep_path)
+    return sweep
 
 
 def measure_point(
@@ -118,12 +124,21 @@ def _measured(
     sweep: PitchSweep | None,
     progress: Callable[[int], None] | None,
 ) -> PointResult:
+    geometry = uncertain_geometry(setup)
     angles, measurement = measure_stack(stack, setup, recording, progress=progress)
-    values = _columns(angles, measurement, sweep)
+    temperature, swept = None, None
+    if sweep is not None:
+        temperature = stack_temperature(stack, setup.inertial)
+        swept = apply_sweep(angles, measurement, sweep, temperature_k=temperature)
+    values = _columns(angles, measurement, swept)
     good = (values["flags"] & int(REJECTING)) == 0
+    if geometry is not None:
+        std = _geometry_std(angles, good, measurement, geometry, sweep, temperature)
+        values["angle_systematic_std_deg"] = np.hypot(values["angle_systematic_std_deg"], std)
     mean = _mean(setup, recording, values, good)
     aliased = _visible(_aliased(stack, setup, recording), mean, values, good)
     attrs = _provenance(stack, setup, measurement, sweep) | _averaging(mean, aliased)
+    attrs |= _calibrated(swept, temperature)
     return PointResult(
         name=stack.name,
         record=angle_record(values, attrs),
@@ -177,17 +192,14 @@ def process_point(
 
 
 def _columns(
-    angles: FieldAngles, measurement: Measurement, sweep: PitchSweep | None
+    angles: FieldAngles, measurement: Measurement, swept: SweptAngles | None
 ) -> dict[str, NDArray[Any]]:
     raw, noise = np.degrees(angles.angle), np.degrees(angles.angle_std)
     flags, calibrated = angles.flags, raw
     systematic = np.full_like(raw, np.degrees(measurement.slope_doubt))
-    if sweep is not None:
-        applied = sweep.apply(raw)
-        gain = np.abs(sweep.derivative(raw))
-        calibrated, noise = applied.angle_deg, noise * gain
-        systematic = np.hypot(applied.systematic_std_deg, systematic * gain)
-        flags = flags | np.where(applied.outside, int(Flag.OUTSIDE_CALIBRATION), 0)
+    if swept is not None:
+        calibrated, noise, systematic = swept.angle_deg, swept.noise_deg, swept.systematic_deg
+        flags = flags | swept.flags
     # Without a pixel pitch nothing has a length.
     mm = _MM if measurement.setup.camera.pixel_pitch is not None else np.nan
     return {
@@ -206,6 +218,27 @@ def _columns(
     }
 
 
+def _geometry_std(
+    angles: FieldAngles,
+    good: NDArray[np.bool_],
+    measurement: Measurement,
+    geometry: GeometryCovariance,
+    sweep: PitchSweep | None,
+    temperature_k: float | None,
+) -> _Array:
+    """Return what the geometry leaves uncertain of each angle after the sweep, 1 sigma [deg]."""
+    return geometry_std_deg(
+        measurement.setup,
+        geometry,
+        np.where(good, angles.angle, np.nan),
+        angles.intercept,
+        u=measurement.recording.first_column + measurement.columns.astype(np.float64),
+        weight=1 / measurement.column_std**2,
+        sweep=sweep,
+        temperature_k=temperature_k,
+    )
+
+
 def _mean(
     setup: Setup, recording: Recording, values: dict[str, NDArray[Any]], good: NDArray[np.bool_]
 ) -> MeanAngle:
@@ -221,15 +254,13 @@ def _mean(
 
 
 def _aliased(stack: FieldStack, setup: Setup, recording: Recording) -> AliasedMotion | None:
-    """Motion too fast for the fields, where the recording has channels that show it."""
-    if stack.path is None or stack.path.suffix not in {".h5", ".hdf5"}:
-        return None
+    """Motion too fast for the fields, where channels in or beside the recording show it."""
     try:
-        if not has_acquisition(stack.path):
+        channels = None if stack.path is None else channels_beside(stack.path)
+        if channels is None:
             return None
-        record = read_acquisition(stack.path, setup.inertial)
         return aliased_motion(
-            record,
+            open_acquisition(channels, setup.inertial),
             rate_hz=recording.rate_hz,
             exposure_s=recording.exposure_s,
             start_s=recording.start_s,
@@ -306,6 +337,14 @@ def _averaging(mean: MeanAngle, aliased: AliasedMotion | None) -> dict[str, Any]
         attrs["aliased_frequency_hz"] = aliased.frequency_hz
         attrs["aliased_seen_at_hz"] = aliased.seen_at_hz
     return attrs
+
+
+def _calibrated(swept: SweptAngles | None, temperature_k: float | None) -> dict[str, Any]:
+    """Whether the pitch sweep covers the point, as attributes; no words if it does."""
+    if swept is None:
+        return {}
+    warm = {} if temperature_k is None else {"tunnel_temperature_K": temperature_k}
+    return {"calibration_doubts": "; ".join(swept.doubts), **warm}
 
 
 def _systematic(values: dict[str, NDArray[Any]], good: NDArray[np.bool_]) -> float:

@@ -2,6 +2,7 @@ import csv
 import subprocess
 import sys
 
+import nptdms
 import numpy as np
 import pytest
 import xarray as xr
@@ -184,6 +185,35 @@ def test_motion_that_aliases_is_flagged_where_channels_show_it(frequency, flagge
         assert result.record.attrs["aliased_frequency_hz"] == pytest.approx(34.2, abs=0.51)
     (logged,) = rows(tmp_path / "out" / "log.csv")
     assert int(logged["flags"]) == result.flags
+
+
+CHANNELS = "".join(
+    f"""
+[[inertial.channel]]
+name = "{name}"
+quantity = "acceleration"
+units = "m/s^2"
+station = "{station} m"
+axis = "+z"
+"""
+    for name, station in (("az_aft", 0.1), ("az_face", 0.9))
+)
+
+
+def test_channels_may_lie_in_a_file_beside_the_recording(tmp_path):
+    (tmp_path / "glint-aoa.toml").write_text(SETUP + '[fields]\nrate = "60 Hz"\n' + CHANNELS)
+    setup = load_setup(tmp_path / "glint-aoa.toml")
+    fields = line_fields(np.random.default_rng(4), n_fields=12, slope=0.01, interlaced=True)
+    np.savez(tmp_path / "run-02.npz", fields=fields)
+    alone = process_point(tmp_path / "run-02.npz", setup, tmp_path / "alone")
+    with nptdms.TdmsWriter(tmp_path / "run-02.tdms") as writer:
+        for each in swinging(34.2, 0.05).channels.values():
+            waveform = {"wf_increment": 1 / 800}
+            writer.write_segment([nptdms.ChannelObject("das", each.name, each.samples, waveform)])
+    beside = process_point(tmp_path / "run-02.npz", setup, tmp_path / "beside")
+    assert not alone.flags & Flag.ALIASED
+    assert beside.flags & Flag.ALIASED
+    assert beside.record.attrs["aliased_frequency_hz"] == pytest.approx(34.2, abs=0.51)
 
 
 def test_how_the_mean_was_taken_stands_in_the_record(point, setup, tmp_path):

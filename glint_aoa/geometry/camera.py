@@ -17,6 +17,9 @@ __all__ = [
     "undistort",
 ]
 
+OneOrMany = float | NDArray[np.float64]
+"""A property of one camera, or of many at once: an array that broadcasts with the points."""
+
 _UNDISTORT_ITERATIONS = 100
 _UNDISTORT_TOLERANCE = 1e-14
 
@@ -25,8 +28,8 @@ def image_plane(
     u: ArrayLike,
     v: ArrayLike,
     *,
-    principal_point: tuple[float, float],
-    pixel_pitch: tuple[float, float],
+    principal_point: tuple[OneOrMany, OneOrMany],
+    pixel_pitch: tuple[OneOrMany, OneOrMany],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Turn sensor pixels into image-plane coordinates.
 
@@ -91,7 +94,7 @@ def distort(
 
 
 def undistort(
-    x: ArrayLike, z: ArrayLike, *, focal_length: float, distortion: tuple[float, ...]
+    x: ArrayLike, z: ArrayLike, *, focal_length: OneOrMany, distortion: tuple[OneOrMany, ...]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Remove Brown-Conrady distortion from measured image-plane coordinates.
 
@@ -100,7 +103,7 @@ def undistort(
     round.
     """
     x, z = np.asarray(x, np.float64), np.asarray(z, np.float64)
-    if not any(distortion):
+    if not any(np.any(each) for each in distortion):
         return x, z
     xd, yd = x / focal_length, -z / focal_length
     xn, yn = xd, yd
@@ -138,7 +141,7 @@ def rotation_matrix(omega: float, phi: float, kappa: float) -> NDArray[np.float6
 
 
 def ray_directions(
-    x: ArrayLike, z: ArrayLike, *, focal_length: float, rotation: NDArray[np.float64]
+    x: ArrayLike, z: ArrayLike, *, focal_length: OneOrMany, rotation: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Directions, in the tunnel frame, of the rays through image-plane points.
 
@@ -149,7 +152,7 @@ def ray_directions(
     focal_length : float
         Principal distance [m].
     rotation : ndarray, shape (3, 3)
-        Camera axes to tunnel, as from `rotation_matrix`.
+        Camera axes to tunnel, as from `rotation_matrix`; (3, 3, ...) of many cameras.
 
     Returns
     -------
@@ -162,7 +165,7 @@ def ray_directions(
 
 
 def _distort_normalised(
-    x: NDArray[np.float64], y: NDArray[np.float64], distortion: tuple[float, ...]
+    x: NDArray[np.float64], y: NDArray[np.float64], distortion: tuple[OneOrMany, ...]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     k1, k2, p1, p2, k3 = distortion
     r2 = x * x + y * y

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glint_aoa.geometry.camera import (
+    OneOrMany,
     distort,
     image_plane,
     pixel_coordinates,
@@ -22,11 +23,11 @@ _DEGREE = 6
 
 
 def intersect_known_plane(
-    position: tuple[float, float, float],
+    position: tuple[OneOrMany, OneOrMany, OneOrMany],
     directions: tuple[ArrayLike, ArrayLike, ArrayLike],
     *,
-    y: float,
-    yaw: float = 0.0,
+    y: OneOrMany,
+    yaw: OneOrMany = 0.0,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Intersect rays with a vertical plane of known Y and heading.
 

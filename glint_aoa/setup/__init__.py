@@ -3,7 +3,7 @@
 Every model is frozen and holds SI units and radians; units stand in the file's strings only.
 """
 
-from glint_aoa.setup.calibration import Calibration, Uncertainty
+from glint_aoa.setup.calibration import Calibration, ReflectionUncertainty, Uncertainty
 from glint_aoa.setup.camera import Camera, Fields
 from glint_aoa.setup.glint import Glint, Reference, Reflection
 from glint_aoa.setup.inertial import (
@@ -32,6 +32,7 @@ __all__ = [
     "Quantity",
     "Reference",
     "Reflection",
+    "ReflectionUncertainty",
     "Section",
     "Setup",
     "Uncertainty",

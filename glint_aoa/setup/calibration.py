@@ -13,7 +13,7 @@ from glint_aoa.errors import SetupError
 from glint_aoa.setup.camera import Camera
 from glint_aoa.setup.section import Section, quantity, read_toml
 
-__all__ = ["Calibration", "Uncertainty", "calibrated_camera"]
+__all__ = ["Calibration", "ReflectionUncertainty", "Uncertainty", "calibrated_camera"]
 
 _KINDS = {
     "camera": ("camera calibration", "camera"),
@@ -36,6 +36,19 @@ class Calibration(Section):
     sweep: str | None = Field(None, description="file of the pitch sweep")
 
 
+class ReflectionUncertainty(Section):
+    """What is known of body and lamp, 1 sigma; metres, radians."""
+
+    radius: _MetresStd = Field(0.0, description="of the body's radius")
+    axis_y: _MetresStd = Field(0.0, description="of the known Y of its axis")
+    lamp: tuple[_MetresStd, _MetresStd, _MetresStd] = Field(
+        (0.0, 0.0, 0.0), description="of the lamp's X, Y, Z"
+    )
+    lamp_direction: tuple[_RadiansStd, _RadiansStd] = Field(
+        (0.0, 0.0), description="of a long lamp's heading and of its elevation"
+    )
+
+
 class Uncertainty(Section):
     """What is known of the geometry by tape or data sheet, 1 sigma; metres, radians, pixels."""
 
@@ -55,6 +68,9 @@ class Uncertainty(Section):
     )
     y: _MetresStd = Field(0.0, description="of the known Y of the glint")
     yaw: _RadiansStd = Field(0.0, description="of the heading of the known vertical plane")
+    reflection: ReflectionUncertainty | None = Field(
+        None, description="of body and lamp, where glint.reflection describes them"
+    )
 
 
 def calibrated_camera(content: Mapping[str, Any], folder: Path) -> dict[str, Any]:

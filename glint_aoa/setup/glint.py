@@ -36,8 +36,10 @@ class Reference(Section):
     column: Number | None = Field(
         None, description="column of the window where it should lie, likewise"
     )
-    tolerance: Annotated[float, Field(gt=0)] = Field(
-        0.25, description="shift beyond which the camera counts as moved"
+    tolerance: Annotated[float, Field(gt=0)] | None = Field(
+        None,
+        description="shift beyond which the camera counts as moved; from the mark's own noise if "
+        "not given",
     )
 
     @model_validator(mode="after")

@@ -40,6 +40,11 @@ class Setup(Section):
                 "glint.reflection needs the camera's place; give focal_length, pixel_pitch and "
                 "position in [camera], or take [glint.reflection] out"
             )
+        if self.glint.reflection is None and self.uncertainty.reflection is not None:
+            raise ValueError(
+                "uncertainty.reflection is given without glint.reflection; describe body and lamp "
+                "there, or take [uncertainty.reflection] out"
+            )
         return self
 
     @model_validator(mode="after")

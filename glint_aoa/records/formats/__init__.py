@@ -14,7 +14,7 @@ from glint_aoa.records._files import size_of
 from glint_aoa.records.acquisition import AcquisitionRecord
 from glint_aoa.records.fields import FieldStack
 from glint_aoa.records.formats.csv_text import read_csv
-from glint_aoa.records.formats.hdf5 import open_hdf5, read_acquisition
+from glint_aoa.records.formats.hdf5 import has_acquisition, open_hdf5, read_acquisition
 from glint_aoa.records.formats.matlab import read_matlab
 from glint_aoa.records.formats.numpy_files import open_npy, open_npz
 from glint_aoa.records.formats.photron import open_photron
@@ -23,7 +23,13 @@ from glint_aoa.records.formats.tiff import open_tiff
 from glint_aoa.records.formats.uff import read_uff
 from glint_aoa.setup import Inertial
 
-__all__ = ["ACQUISITION_SUFFIXES", "SUFFIXES", "open_acquisition", "open_fields"]
+__all__ = [
+    "ACQUISITION_SUFFIXES",
+    "SUFFIXES",
+    "channels_beside",
+    "open_acquisition",
+    "open_fields",
+]
 
 _READERS: dict[str, Callable[[Path], FieldStack]] = {
     ".h5": open_hdf5,
@@ -91,6 +97,7 @@ _ACQUISITION_READERS: dict[str, _AcquisitionReader] = {
 ACQUISITION_SUFFIXES = tuple(_ACQUISITION_READERS)
 """Suffixes of the files that `open_acquisition` reads."""
 
+_HDF5_SUFFIXES = {".h5", ".hdf5"}
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _USER_BLOCK = 512  # of MATLAB's, before what is HDF5
 _FIRST_DATA_SET = re.compile(rb"\A\s*-1[ ]*\r?\n[ ]*\d{1,5}b?\b")
@@ -131,6 +138,35 @@ def open_acquisition(path: str | Path, inertial: Inertial | None = None) -> Acqu
             "convert the record or correct its name"
         )
     return reader(path, inertial)
+
+
+def channels_beside(recording: str | Path) -> Path | None:
+    """Find the file with the acquisition channels of a recording of fields.
+
+    Parameters
+    ----------
+    recording : str or Path
+        Recording, as for `open_fields`.
+
+    Returns
+    -------
+    Path or None
+        The recording itself where it is HDF5 with channels; else a TDMS, UFF, MATLAB or HDF5 file
+        of the same name beside it; None without one. Text is left out: results are text too.
+
+    Raises
+    ------
+    RecordingError
+        If an HDF5 file is damaged.
+    """
+    recording = Path(recording)
+    others = [s for s, read in _ACQUISITION_READERS.items() if read is not read_csv]
+    for path in (recording, *(recording.with_suffix(suffix) for suffix in others)):
+        if path.suffix.lower() not in others or not path.is_file():
+            continue
+        if path.suffix.lower() not in _HDF5_SUFFIXES or has_acquisition(path):
+            return path
+    return None
 
 
 def _reader_by_content(path: Path) -> _AcquisitionReader | None:

@@ -1,0 +1,1 @@
+"""The parts of the uncertainty budget; `calibration.budget` is what others use."""
