@@ -48,7 +48,7 @@ _MEANINGS = {
     Flag.FEW_COLUMNS: "fewer than half of the columns could be used",
     Flag.POOR_LINE: "the centres scatter about the line by more than their noise",
     Flag.UNCALIBRATED: "no camera in the setup: the angle is that of the image plane",
-    Flag.OUTSIDE_CALIBRATION: "outside the range over which the calibration was made",
+    Flag.OUTSIDE_CALIBRATION: "the calibration does not cover angle, temperature, line or setup",
     Flag.TIMING: "timestamps are irregular",
     Flag.CLIPPED_CHANNEL: "an acquisition channel reached the end of its range",
     Flag.FILTER_SETTLING: "the low-pass filter has not settled here",

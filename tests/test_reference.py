@@ -7,7 +7,13 @@ from hypothesis import strategies as st
 from scipy.special import ndtr
 
 from glint_aoa.errors import SetupError
-from glint_aoa.optical.reference import FIRST_FIELDS, has_moved, learn_mark, mark_shift
+from glint_aoa.optical.reference import (
+    FIRST_FIELDS,
+    has_moved,
+    learn_mark,
+    mark_shift,
+    moved_fields,
+)
 from glint_aoa.records.fields import FieldInfo, FieldStack
 from glint_aoa.records.recording import resolve_recording
 from glint_aoa.setup import Reference, Setup
@@ -62,6 +68,52 @@ def test_brightness_does_not_look_like_motion():
     _, found = shifts(still)
     assert np.abs(found).max() < 0.05
     assert np.abs(before).max() < 0.05
+
+
+@pytest.mark.parametrize("fields", [24, 60])
+@pytest.mark.parametrize("step", [0.03, -0.15])
+def test_a_step_far_below_a_pixel_is_seen_where_it_lasts(fields, step):
+    true = np.zeros((fields, 2))
+    true[15:, 0] = step
+    mark, found = shifts(views(true))
+    assert not has_moved(found, mark).any()
+    assert moved_fields(found, mark).tolist() == [False] * 15 + [True] * (fields - 15)
+
+
+def test_a_knock_that_passes_is_seen_while_it_lasts():
+    true = np.zeros((60, 2))
+    true[30:34, 1] = 0.2
+    mark, found = shifts(views(true))
+    assert np.flatnonzero(moved_fields(found, mark)).tolist() == [30, 31, 32, 33]
+
+
+def test_a_stated_tolerance_is_kept():
+    true = np.zeros((40, 2))
+    true[20:30], true[30:] = 0.15, 0.35
+    mark, found = shifts(views(true), BOX.model_copy(update={"tolerance": 0.25}))
+    assert moved_fields(found, mark).tolist() == [False] * 30 + [True] * 10
+    sharper, found = shifts(views(true))
+    assert moved_fields(found, sharper).tolist() == [False] * 20 + [True] * 20
+
+
+@settings(max_examples=15, deadline=None)
+@given(cycles=st.floats(0.04, 0.5), phase=st.floats(0, 6.2), amplitude=st.floats(0.0, 0.2))
+def test_a_camera_that_sways_is_no_alarm(cycles, phase, amplitude):
+    """From 2.4 Hz at 60 fields a second."""
+    sway = amplitude * np.sin(2 * np.pi * cycles * np.arange(60) + phase)
+    shift = np.stack([sway, -0.5 * sway], axis=1)
+    shift += 0.003 * np.random.default_rng(4).standard_normal(shift.shape)
+    mark, _ = shifts(views(np.zeros((6, 2))))
+    assert not moved_fields(shift, mark).any()
+
+
+def test_no_alarm_of_noise_or_light():
+    mark, _ = shifts(views(np.zeros((6, 2))))
+    noise = 0.003 * np.random.default_rng(5).standard_normal((500, 60, 2))
+    assert not any(moved_fields(each, mark).any() for each in noise)
+    lights = [views(np.zeros((20, 2)), light=light, seed=6) for light in (1.0, 0.6, 0.8)]
+    _, found = shifts(np.concatenate(lights))
+    assert not moved_fields(found, mark).any()
 
 
 def test_a_level_edge_says_nothing_of_columns():

@@ -14,7 +14,7 @@ from glint_aoa.flags import Flag
 from glint_aoa.optical.estimator import ColumnCentres
 from glint_aoa.optical.line import LineFit, fit_lines_robustly
 from glint_aoa.optical.prepare import Measurement, prepare
-from glint_aoa.optical.reference import has_moved, mark_shift
+from glint_aoa.optical.reference import has_moved, mark_shift, moved_fields
 from glint_aoa.optical.sequence import FieldLines, check_sequence
 from glint_aoa.optical.shape import GlintShape
 from glint_aoa.records.fields import FieldStack
@@ -131,6 +131,9 @@ def measure_stack(
     if stack.times_s is not None:
         angles = _with_timestamps(angles, stack.times_s, recording)
     seen = check_sequence(lines, recording, times_s=stack.times_s)
+    if measurement.mark is not None:
+        moved = moved_fields(lines.mark_shift, measurement.mark)
+        seen |= np.where(moved, int(Flag.CAMERA_MOVED), 0)
     return replace(angles, flags=angles.flags | seen), measurement
 
 
@@ -163,7 +166,7 @@ def _measured(
     variance, rms = _scatter(fit, used, measurement.dimming(centres.height, used), measurement)
     fit = _scaled(fit, np.where(enough, variance, np.nan))
     angle, angle_std, intercept, intercept_std = _attitude(fit, measurement)
-    recording = measurement.recording
+    recording, shift = measurement.recording, _mark_shift(block, number, measurement)
     angles = FieldAngles(
         field=number,
         time_s=recording.time_of(number) + recording.exposure_s / 2,
@@ -175,9 +178,11 @@ def _measured(
         columns_used=count,
         rms_residual=np.where(enough, rms, np.nan),
         flags=_flags(centres, used, variance, measurement, angle_std)
-        | _mark_flags(block, number, measurement),
+        | _mark_flags(shift, measurement),
     )
-    lines = FieldLines.of_block(centres.row, centres.height, measurement.columns, used)
+    lines = FieldLines.of_block(
+        centres.row, centres.height, measurement.columns, used, mark_shift=shift
+    )
     return angles, lines
 
 
@@ -276,14 +281,18 @@ def _flags(
     return flags
 
 
-def _mark_flags(
+def _mark_shift(
     block: NDArray[np.integer], number: NDArray[np.int64], measurement: Measurement
-) -> NDArray[np.int64]:
+) -> _Array:
+    if measurement.mark is None:
+        return np.full((len(block), 2), np.nan)
+    return mark_shift(block, measurement.recording.parity_of(number), measurement.mark)
+
+
+def _mark_flags(shift: _Array, measurement: Measurement) -> NDArray[np.int64]:
     mark = measurement.mark
-    if mark is None:
-        return np.zeros(len(block), np.int64)
-    shift = mark_shift(block, measurement.recording.parity_of(number), mark)
-    return np.where(has_moved(shift, mark), int(Flag.CAMERA_MOVED), 0)
+    moved = np.zeros(len(shift), np.bool_) if mark is None else has_moved(shift, mark)
+    return np.where(moved, int(Flag.CAMERA_MOVED), 0)
 
 
 def _dim(height: _Array, shape: GlintShape) -> NDArray[np.bool_]:

@@ -376,11 +376,17 @@ def _with_lasting_departures(measurement: Measurement, fit: LineFit, drawn: _Arr
 def _doubt(pull: _Array, left: _Array, noise: _Array) -> float:
     """Say how much lasting departures, their noise taken off, leave in doubt of a line's figure.
 
-    Neighbouring columns depart together, so whole stretches of them count as one draw.
+    Where neighbouring columns depart together, whole stretches of them count as one draw; but few
+    stretches may cancel by chance, so it is at least what columns leave that depart each alone.
     """
-    stretches = np.array([part.sum() for part in np.array_split(pull * left, _STRETCHES)])
-    # Level, slope and bend took up three of the stretches.
-    variance = (stretches**2).sum() * _STRETCHES / (_STRETCHES - 3)
+    pulled = pull * left
+    stretches = np.array([part.sum() for part in np.array_split(pulled, _STRETCHES)])
+    # Level, slope and bend took up three of the draws.
+    variance = max(
+        float((drawn**2).sum()) * drawn.size / (drawn.size - 3)
+        for drawn in (stretches, pulled[pull != 0])
+        if drawn.size > 3
+    )
     return float(np.sqrt(max(variance - (pull**2 * noise).sum(), 0.0)))
 
 

@@ -1,6 +1,8 @@
 """A static mark or edge in view, by which a moved camera shows."""
 
+import math
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -9,7 +11,7 @@ from scipy.interpolate import CubicSpline
 
 from glint_aoa.setup import Reference
 
-__all__ = ["FIRST_FIELDS", "Mark", "has_moved", "learn_mark", "mark_shift"]
+__all__ = ["FIRST_FIELDS", "Mark", "has_moved", "learn_mark", "mark_shift", "moved_fields"]
 
 _Array = NDArray[np.float64]
 
@@ -20,6 +22,11 @@ _ROUNDS = 8
 _LEAST_STEEPNESS = 2.0  # grey levels over the profile that make an edge
 _LEAST_LIKENESS = 0.7  # correlation with the mark as learnt
 _STEEP = 0.4  # of the steepest step, which counts for the mark's place
+_CERTAIN = 0.25  # pixels: a shift that a single field shows, whatever its noise
+_SIGMAS = 6.0  # by which the mark's places before and after must differ
+_LEAST_SHIFT = 0.005  # pixels: about what a turn of 0.002 deg moves a mark 300 columns away by
+_LEAST_FIELDS = 3  # at one place
+_LAGS = 8  # fields: shorter ones and this one tell how the mark sways
 
 
 class _Profile(NamedTuple):
@@ -122,8 +129,91 @@ def mark_shift(
 
 
 def has_moved(shift: NDArray[np.float64], mark: Mark) -> NDArray[np.bool_]:
-    """Whether a shift [field, 2] passes the tolerance in either direction."""
-    return np.asarray((np.abs(shift) > mark.reference.tolerance).any(axis=1))
+    """Whether a shift [field, 2] passes the tolerance, or 0.25 pixel, in either direction."""
+    limit = mark.reference.tolerance or _CERTAIN
+    return np.asarray((np.abs(shift) > limit).any(axis=1))
+
+
+def moved_fields(shift: NDArray[np.float64], mark: Mark) -> NDArray[np.bool_]:
+    """Say in which fields of a record the camera is not where it was at first.
+
+    Parameters
+    ----------
+    shift : ndarray, shape (field, 2)
+        From `mark_shift`, all fields of a record in order [pixels].
+    mark : Mark
+        From `learn_mark`.
+
+    Returns
+    -------
+    ndarray of bool, shape (field,)
+        Fields in which `has_moved` holds; unless the setup states a tolerance, also those where
+        the mark lies off its first place by 6 standard deviations and 0.005 pixel.
+
+    Notes
+    -----
+    A shift by itself does not turn the line, but it comes with a turn that one mark cannot tell:
+    rolled by 0.002 deg, the camera moves a mark 300 columns from its axis by 0.004 to 0.01 pixel.
+    So every shift counts that the record can show. Its steps are found by binary segmentation
+    (Scott and Knott, Biometrics 30 (1974) 507, doi:10.2307/2529204); the noise is how much the
+    mark moves within 8 fields, a camera that sways included. A turn about the mark itself, or one
+    that a shift makes up for at the mark, is not seen.
+    """
+    moved = has_moved(shift, mark)
+    if mark.reference.tolerance is None:
+        for along in shift.T:
+            moved |= _off_first_place(along)
+    return moved
+
+
+def _off_first_place(shift: _Array) -> NDArray[np.bool_]:
+    off = np.zeros(shift.size, np.bool_)
+    known = np.flatnonzero(np.isfinite(shift))
+    if known.size < 2 * _LEAST_FIELDS:
+        return off
+    z = shift[known]
+    noise = _sway(z)
+    edges = [0, *_steps(z, noise), z.size]
+    n_first = edges[1]
+    place = z[:n_first].mean()
+    for start, stop in pairwise(edges):
+        deviation = noise * np.sqrt(1 / (stop - start) + 1 / n_first)
+        lasting = abs(z[start:stop].mean() - place) > max(_SIGMAS * deviation, _LEAST_SHIFT)
+        sudden = np.abs(z[start:stop] - place) > max(_SIGMAS * noise, _LEAST_SHIFT)
+        off[known[start:stop]] = lasting | sudden
+    return off
+
+
+def _sway(z: _Array) -> float:
+    """Tell the standard deviation about a steady place from differences of near fields."""
+    lags = range(1, min(_LAGS, z.size // 6) + 1)  # a step is in a fifth of the differences at most
+    apart = [float(np.median(np.abs(z[lag:] - z[:-lag]))) for lag in lags]
+    return max(1.4826 * max(apart) / math.sqrt(2), 1e-6)
+
+
+def _steps(z: _Array, noise: float) -> list[int]:
+    """Where the mean steps, in order."""
+    steps: list[int] = []
+    left = [(0, z.size)]
+    while left:
+        start, stop = left.pop()
+        at = start + _step(z[start:stop], noise)
+        if at > start:
+            steps.append(at)
+            left += [(start, at), (at, stop)]
+    return sorted(steps)
+
+
+def _step(z: _Array, noise: float) -> int:
+    """Count the values before the most significant step of the mean; 0 for none."""
+    if z.size < 2 * _LEAST_FIELDS:
+        return 0
+    before = np.arange(_LEAST_FIELDS, z.size - _LEAST_FIELDS + 1)
+    after = z.size - before
+    total = np.cumsum(z - z.mean())[before - 1]  # of the values before; those after are minus it
+    significance = np.abs(total) * np.sqrt(z.size / (before * after)) / noise
+    top = int(significance.argmax())
+    return int(before[top]) if significance[top] > _SIGMAS else 0
 
 
 def _profiles(fields: NDArray[np.integer], reference: Reference) -> tuple[_Array, _Array]:

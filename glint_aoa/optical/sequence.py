@@ -39,6 +39,8 @@ class FieldLines:
         Mean height of the used columns over their background [grey levels].
     fingerprint : ndarray of uint64, shape (field,)
         The same for fields whose centres are the same to the bit, and for no others.
+    mark_shift : ndarray, shape (field, 2)
+        How far the reference mark lies from its place [pixels]; NaN without one.
     """
 
     row: _Array
@@ -46,6 +48,7 @@ class FieldLines:
     std: _Array
     height: _Array
     fingerprint: NDArray[np.uint64]
+    mark_shift: _Array
 
     @classmethod
     def of_block(
@@ -54,6 +57,8 @@ class FieldLines:
         height: _Array,
         columns: NDArray[np.int64],
         used: NDArray[np.bool_],
+        *,
+        mark_shift: _Array | None = None,
     ) -> Self:
         """Sum up a block of fields.
 
@@ -65,6 +70,8 @@ class FieldLines:
             Columns measured [pixels].
         used : ndarray of bool, shape (field, column)
             Whether the column entered the field's line.
+        mark_shift : ndarray, shape (field, 2), optional
+            From `glint_aoa.optical.reference.mark_shift`.
         """
         used = used & np.isfinite(centre_row)
         middle, half = (columns[0] + columns[-1]) / 2, max((columns[-1] - columns[0]) / 2, 0.5)
@@ -84,6 +91,7 @@ class FieldLines:
             std=np.where(there, np.sqrt(variance * (1 / n + s_mean**2 / spread)), np.nan),
             height=np.where(there, np.where(used, height, 0.0).sum(axis=1) / n, np.nan),
             fingerprint=_fingerprint(centre_row),
+            mark_shift=np.full((len(v), 2), np.nan) if mark_shift is None else mark_shift,
         )
 
     @classmethod
