@@ -11,8 +11,8 @@ help:
 	@echo "make demo   show the whole product on a simulated test (writes demo-out/)"
 	@echo "make test   run the tests"
 	@echo "make check  format, lint, types, import layers"
-	@echo "make bench  speed, precision, coverage and memory of the measurement, beside rivals"
-	@echo "make coverage  do the uncertainties of the inertial corrections cover their errors"
+	@echo "make bench  speed, precision and memory of the measurement, beside rivals; 5 minutes"
+	@echo "make coverage  do the stated uncertainties cover the errors; thousands of draws each"
 	@echo "make torture  measure thousands of spoilt recordings and look for wrong angles"
 	@echo "make clean  remove what these made"
 
@@ -32,7 +32,13 @@ bench: $(VENV)/installed-bench
 	$(BIN)/python -m benchmarks
 
 coverage: $(VENV)/installed-dev
+	$(BIN)/python -m benchmarks.field_coverage
 	$(BIN)/python -m benchmarks.inertial_coverage
+	$(BIN)/python -m benchmarks.camera_coverage
+	$(BIN)/python -m benchmarks.resection_coverage
+	$(BIN)/python -m benchmarks.sweep_coverage
+	$(BIN)/python -m benchmarks.budget_coverage
+	$(BIN)/python -m benchmarks.twist_coverage
 
 torture: $(VENV)/installed-dev
 	$(BIN)/python -m torture
