@@ -50,13 +50,24 @@ COMMANDS = {
     "inspect": "glint-aoa inspect point-01.h5 --setup glint-aoa.toml --png point-01.png",
     "process": "glint-aoa process run-01/*.h5 --setup glint-aoa.toml --out results",
     "calibrate": "glint-aoa calibrate sweep sweep-*.h5 --setup glint-aoa.toml --out sweep.toml",
+    "calibrate camera": (
+        "glint-aoa calibrate camera board-*.png --board chessboard:9x6:30mm -s glint-aoa.toml"
+    ),
+    "calibrate resect": (
+        "glint-aoa calibrate resect targets.csv --measured image.csv --setup glint-aoa.toml"
+    ),
     "calibrate sweep": (
         "glint-aoa calibrate sweep sweep-*.h5 --setup glint-aoa.toml --out sweep.toml"
+    ),
+    "calibrate check": (
+        "glint-aoa calibrate check check-*.h5 --setup glint-aoa.toml --sweep sweep.toml"
     ),
     "correct": "glint-aoa correct point-01.h5 --setup glint-aoa.toml --out corrected",
     "benchmark": "glint-aoa benchmark points/*.h5 --setup glint-aoa.toml --out results",
     "benchmark inertial": "glint-aoa benchmark inertial --out results",
     "simulate": "glint-aoa simulate demo --out points --jobs 2",
+    "twist": "glint-aoa twist wind-off.h5 wind-on.h5 --targets targets.csv --reference body",
+    "uncertainty": "glint-aoa uncertainty glint-aoa.toml --angles -6,0,6 --out budget",
 }
 
 RUN_ALONE = ("demo", "benchmark inertial")

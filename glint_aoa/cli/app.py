@@ -17,6 +17,8 @@ from glint_aoa.cli.demo import demo
 from glint_aoa.cli.inspect import inspect
 from glint_aoa.cli.process import process
 from glint_aoa.cli.simulate import simulate
+from glint_aoa.cli.twist import twist
+from glint_aoa.cli.uncertainty import uncertainty
 from glint_aoa.errors import GlintError
 
 if TYPE_CHECKING:
@@ -42,6 +44,8 @@ app.add_typer(calibrate.app, name="calibrate")
 app.command("correct", no_args_is_help=True)(correct)
 app.command("benchmark", cls=BenchmarkCommand, no_args_is_help=True)(benchmark)
 app.command("simulate", no_args_is_help=True)(simulate)
+app.command("twist", no_args_is_help=True)(twist)
+app.command("uncertainty", no_args_is_help=True)(uncertainty)
 
 
 def _show_version(wanted: bool) -> None:

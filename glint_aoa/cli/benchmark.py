@@ -37,7 +37,7 @@ def benchmark(
     strict: Strict = False,
     as_json: Json = False,
 ) -> None:
-    """Hold the optical angle against the inertial one, as in Table 4.
+    """Hold the optical angle against the inertial one.
 
     Each run must start and end with the shaker off; the mean of the two is subtracted from its
     other points, which is their error. Give the points of a run in the order in which they were
