@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from calibration.budget import GeometryCovariance, geometry_std_deg, uncertain_geometry
-from calibration.sweep import PitchSweep
+from calibration.budget.uncertainty import GeometryCovariance, geometry_std_deg, uncertain_geometry
+from calibration.sweep.fit import PitchSweep
 from glint_aoa._version import __version__
 from glint_aoa.aliasing import AliasedMotion, aliased_motion
 from glint_aoa.errors import RecordingError
@@ -233,7 +233,7 @@ def _geometry_std(
         np.where(good, angles.angle, np.nan),
         angles.intercept,
         u=measurement.recording.first_column + measurement.columns.astype(np.float64),
-        weight=1 / measurement.column_std**2,
+        std=measurement.column_std,
         sweep=sweep,
         temperature_k=temperature_k,
     )

@@ -7,8 +7,9 @@ from scipy.optimize import brentq
 from synthetic import line_fields
 
 from glint_aoa.optical.centroid import Centroid
+from glint_aoa.optical.coarse import find_lines
 from glint_aoa.optical.columns import used_columns
-from glint_aoa.optical.detect import find_glint, find_lines
+from glint_aoa.optical.detect import find_glint
 from glint_aoa.setup import Glint
 
 

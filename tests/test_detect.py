@@ -6,8 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic import line_fields
 
+from glint_aoa.optical.coarse import find_lines
 from glint_aoa.optical.columns import spread_columns, used_columns
-from glint_aoa.optical.detect import find_glint, find_lines
+from glint_aoa.optical.detect import find_glint
 from glint_aoa.setup import Glint
 
 SQUARE, OBLONG = np.tan(np.radians(12)), np.tan(np.radians(12)) * 11.7 / 27.5

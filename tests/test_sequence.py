@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from summed import summed
 
 from glint_aoa.flags import Flag
 from glint_aoa.optical.sequence import FieldLines, check_sequence
@@ -36,10 +37,10 @@ def centres(row, reach=4.0, *, seed=0, noise=NOISE):
 
 
 def checked(centre_row, how=None, *, height=100.0, **options):
-    height = np.broadcast_to(height, len(centre_row))[:, None] * np.ones(COLUMNS.size)
-    used = np.isfinite(centre_row)
-    lines = FieldLines.of_block(centre_row, height, COLUMNS, used)
-    return check_sequence(lines, how or recording(), **options)
+    height = np.broadcast_to(height, len(centre_row))[:, None]
+    # No centre is outlying: the columns' noise is taken for ten lines.
+    lines = summed(centre_row, COLUMNS, height=height, std=np.full(COLUMNS.size, 10.0))
+    return check_sequence(FieldLines.of_summary(lines), how or recording(), **options)
 
 
 def parity(n_fields=60, first=0):
@@ -48,37 +49,6 @@ def parity(n_fields=60, first=0):
 
 def where(flags, flag):
     return np.flatnonzero(flags & int(flag)).tolist()
-
-
-def test_lines_of_a_block_are_those_that_made_it():
-    row, reach = np.linspace(20, 60, 30), np.linspace(-5, 5, 30)
-    made = centres(row, reach)
-    made[3, 5] = 500.0
-    made[4] = np.nan
-    used = np.isfinite(made)
-    used[3, 5] = False
-    lines = FieldLines.of_block(made, np.full(made.shape, 80.0), COLUMNS, used)
-    there = np.arange(30) != 4
-    assert np.isnan(lines.row[4])
-    assert np.isnan(lines.height[4])
-    assert (lines.height[there] == 80.0).all()
-    expected = NOISE / np.sqrt(COLUMNS.size)
-    np.testing.assert_allclose(lines.std[there], expected, rtol=0.5)
-    assert np.std((lines.row - row)[there]) == pytest.approx(expected, rel=0.3)
-    assert np.abs(lines.reach - reach)[there].max() < 5 * expected * np.sqrt(3)
-
-
-def test_blocks_join_to_what_the_whole_stack_gives():
-    made = centres(40 + swing(9.2))
-    height, used = np.full(made.shape, 80.0), np.ones(made.shape, bool)
-    whole = FieldLines.of_block(made, height, COLUMNS, used)
-    parts = [
-        FieldLines.of_block(made[k : k + 7], height[k : k + 7], COLUMNS, used[k : k + 7])
-        for k in range(0, 60, 7)
-    ]
-    joined = FieldLines.joined(parts)
-    for name in ("row", "reach", "std", "height", "fingerprint"):
-        np.testing.assert_array_equal(getattr(joined, name), getattr(whole, name))
 
 
 @pytest.mark.parametrize("frequency", [0.0, 5.0, 9.2, 15.0, 20.0, 25.0, 29.0, 29.9])

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
+from numpy.polynomial import polynomial
 from numpy.typing import ArrayLike, NDArray
 
 from glint_aoa.geometry.camera import (
@@ -20,6 +21,7 @@ from glint_aoa.setup import Camera
 __all__ = ["ColumnsToPlane", "PixelToPlane", "intersect_known_plane", "project"]
 
 _DEGREE = 6
+_ROUNDING = 64 * np.finfo(np.float64).eps  # of the largest coefficient
 
 
 def intersect_known_plane(
@@ -162,7 +164,7 @@ class PixelToPlane:
         nodes = np.cos(np.pi * (np.arange(_DEGREE + 1) + 0.5) / (_DEGREE + 1))
         mapped = self(u, np.broadcast_to((middle + half * nodes)[:, None], (nodes.size, u.size)))
         to_powers = np.linalg.inv(np.vander(nodes, increasing=True))
-        s, z = (np.ascontiguousarray((to_powers @ values).T) for values in mapped)
+        s, z = (_without_rounding(to_powers @ values) for values in mapped)
         return ColumnsToPlane(middle, half, s, z)
 
     def project(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -211,8 +213,8 @@ class ColumnsToPlane:
     ----------
     middle, half : float
         Middle and half height of the window [pixels].
-    s, z : ndarray, shape (column, 7)
-        Coefficients of distance and height in rising powers of (v - middle) / half.
+    s, z : ndarray, shape (power, column)
+        Coefficients of distance and height in rising powers of (v - middle) / half; at most 7.
     """
 
     middle: float
@@ -222,8 +224,17 @@ class ColumnsToPlane:
 
     def __call__(self, v: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Map sensor lines `v` [field, column] to distance and height [m, or pixels]."""
-        from glint_aoa.geometry import _polynomial_kernel as kernel  # noqa: PLC0415  compiles
+        t = (v - self.middle) / self.half
+        return _evaluated(self.s, t), _evaluated(self.z, t)
 
-        s, z = np.empty(v.shape), np.empty(v.shape)
-        kernel.evaluate(v, self.middle, self.half, self.s, self.z, s, z)
-        return s, z
+
+def _evaluated(powers: NDArray[np.float64], t: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Evaluate the columns' polynomials [power, column] at `t` [field, column]."""
+    return np.asarray(polynomial.polyval(t, powers[:, None], tensor=False), np.float64)
+
+
+def _without_rounding(powers: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Leave off the highest powers [power, column] that rounding alone has filled."""
+    size = np.nan_to_num(np.abs(powers), posinf=0.0).max(axis=1)
+    known = np.flatnonzero(size > _ROUNDING * size.max())
+    return np.ascontiguousarray(powers[: known[-1] + 1 if known.size else 1])

@@ -7,7 +7,10 @@ import math
 import numba
 import numpy as np
 
-USED, DIM, CUT = 0, 1, 2  # what `status` says of a column: measured, too dim, out of the window
+from glint_aoa.optical._locate_kernel import coarse_rows
+from glint_aoa.optical._locate_kernel import scratch_for as search_scratch_for
+from glint_aoa.optical._summary_kernel import scratch_for as summary_scratch_for
+from glint_aoa.optical._summary_kernel import summarise_field
 
 _ROUNDS = 12
 _NEAR = 0.05  # lines: a match this near to where it was expanded is not repeated
@@ -76,6 +79,7 @@ def _gather(field, column, sign, profile, noise, saturation, tilt, step, state, 
     """Fill the normal equations of height, level and row; returns whether a pixel is clipped."""
     n_phases, side = profile.shape[1], (profile.shape[2] - 1) // 2
     whole, phase = _phase(state[2], n_phases)
+    beyond = state[2] - whole - (phase - n_phases // 2) / n_phases  # the phase that is tabulated
     a[:] = 0.0
     b[:] = 0.0
     clips = False
@@ -83,7 +87,8 @@ def _gather(field, column, sign, profile, noise, saturation, tilt, step, state, 
         row = whole + j - side
         if row < 0 or row >= field.shape[0]:
             continue
-        shape, slope = profile[0, phase, j], profile[1, phase, j]
+        slope = profile[1, phase, j]
+        shape = profile[0, phase, j] - beyond * slope
         model = state[1] + state[0] * shape + tilt * (row - state[2])
         model += step * profile[3, phase, j]
         variance = noise[0] + noise[1] * max(sign * model - noise[2], 0.0)
@@ -166,81 +171,101 @@ def _filtered(field, column, start, sign, tables, tilt, step, reach, ceiling, pi
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def match_columns(
-    fields,
-    columns,
-    start,
-    sign,
-    profile,
-    tables,
-    uneven,
-    usual,
-    noise,
-    core,
-    reach,
-    threshold,
-    saturation,
-    row,
-    height,
-    status,
-    clipped,
-):
-    """Fill `row`, `height`, `status` and `clipped` [field, column].
+def scratch_for(settings):
+    """Memory for `match_field`."""
+    profile = settings[1]
+    return np.empty(profile.shape[2], np.float32), np.empty(3), np.empty((3, 3)), np.empty(3)
 
-    Parameters beyond the obvious: `profile` [4, phase, line] the profile, its slope, the weights'
-    taper, and a step across the line; `tables` the filters [phase, 2, line] that give height and
-    height times shift, the shift's second order [phase], its answers to tilt and step of the
-    background [2, phase], and its standard deviation times the height [phase]; `uneven`
-    [2, column] that tilt and step, `usual` [2, column] height and level; `core` half of what must
-    lie within the window [lines].
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def match_field(field, columns, start, settings, scratch, row, height, cut, clipped):
+    """Fill `row`, NaN where there is none, `height`, `cut` and `clipped` [column].
+
+    `settings` are sign; `profile` [4, phase, line], the profile, its slope, the weights' taper, and
+    a step across the line; `tables`, the filters [phase, 2, line] that give height and height times
+    shift, the shift's second order [phase], its answers to tilt and step of the background
+    [2, phase], and its standard deviation times the height [phase]; `uneven` [2, column] that tilt
+    and step, `usual` [2, column] height and level; `noise`; `core`, half of what must lie within
+    the window, and how far a centre may lie from its start [lines]; the least height, and the level
+    that clips. `scratch` is from `scratch_for`.
     """
-    rows = fields.shape[1]
-    pixel = np.empty(profile.shape[2], np.float32)
-    state, a, b = np.empty(3), np.empty((3, 3)), np.empty(3)
+    sign, profile, tables, uneven, usual, noise, core, reach, threshold, saturation = settings
+    pixel, state, a, b = scratch
+    rows = field.shape[0]
     ceiling = saturation if sign > 0 else np.inf  # the glint of a dark line is far from the top
-    for k in range(fields.shape[0]):
-        for i in range(columns.size):
-            begun = start[k, i]
-            row[k, i], height[k, i], status[k, i], clipped[k, i] = np.nan, 0.0, DIM, False
-            if np.isnan(begun):
-                continue
-            if begun - core < -0.5 or begun + core > rows - 0.5:
-                status[k, i] = CUT
-                continue
-            found, high, done = _filtered(
-                fields[k],
+    for i in range(columns.size):
+        begun = start[i]
+        row[i], height[i], cut[i], clipped[i] = np.nan, 0.0, False, False
+        if np.isnan(begun):
+            continue
+        if begun - core < -0.5 or begun + core > rows - 0.5:
+            cut[i] = True
+            continue
+        tilt, step = uneven[0, i], uneven[1, i]
+        found, high, done = _filtered(
+            field, columns[i], begun, sign, tables, tilt, step, reach, ceiling, pixel
+        )
+        if not done:
+            state[0], state[1], state[2] = usual[0, i], usual[1, i], begun
+            found, clipped[i] = _likeliest(
+                field,
                 columns[i],
                 begun,
                 sign,
-                tables,
-                uneven[0, i],
-                uneven[1, i],
+                profile,
                 reach,
+                noise,
                 ceiling,
-                pixel,
+                tilt,
+                step,
+                state,
+                a,
+                b,
             )
-            if not done:
-                state[0], state[1], state[2] = usual[0, i], usual[1, i], begun
-                found, clipped[k, i] = _likeliest(
-                    fields[k],
-                    columns[i],
-                    begun,
-                    sign,
-                    profile,
-                    reach,
-                    noise,
-                    ceiling,
-                    uneven[0, i],
-                    uneven[1, i],
-                    state,
-                    a,
-                    b,
-                )
-                high = state[0]
-            height[k, i] = high
-            if np.isnan(found):
-                continue
-            if found - core < -0.5 or found + core > rows - 0.5:
-                status[k, i] = CUT
-            elif high >= 0.5 * threshold and abs(found - begun) <= reach:
-                status[k, i], row[k, i] = USED, found
+            high = state[0]
+        height[i] = high
+        if np.isnan(found):
+            continue
+        if found - core < -0.5 or found + core > rows - 0.5:
+            cut[i] = True
+        elif high >= 0.5 * threshold and abs(found - begun) <= reach:
+            row[i] = found
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def match_columns(fields, columns, start, settings, row, height, cut, clipped):
+    """Fill what `match_field` does for a block [field, column]."""
+    scratch = scratch_for(settings)
+    for k in range(fields.shape[0]):
+        match_field(
+            fields[k],
+            columns,
+            start[k],
+            settings,
+            scratch,
+            row[k],
+            height[k],
+            cut[k],
+            clipped[k],
+        )
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def measure_fields(
+    fields, columns, search, settings, first_line, sums, figures, counts, fingerprint
+):
+    """Find the line in each field, measure its columns and sum them up, while it is in the cache.
+
+    Fills what `glint_aoa.optical._summary_kernel.summarise` does; `search` are that of
+    `coarse_line`, `sums` that of `summarise_field`.
+    """
+    n, scratch = columns.size, scratch_for(settings)
+    coarse, summing = search_scratch_for(fields, search), summary_scratch_for(sums)
+    line, start, row, height = np.empty(3), np.empty(n), np.empty(n), np.empty(n)
+    cut, clipped = np.empty(n, np.bool_), np.empty(n, np.bool_)
+    for k in range(fields.shape[0]):
+        coarse_rows(fields[k], search, columns, coarse, line, start)
+        match_field(fields[k], columns, start, settings, scratch, row, height, cut, clipped)
+        fingerprint[k] = summarise_field(
+            row, height, cut, clipped, first_line[k], sums, summing, figures[k], counts[k]
+        )

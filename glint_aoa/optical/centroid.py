@@ -6,9 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from glint_aoa.optical.coarse import search_settings
 from glint_aoa.optical.estimator import ColumnCentres, Sample
 from glint_aoa.optical.noise import NoiseModel
 from glint_aoa.optical.shape import GlintShape
+from glint_aoa.optical.summary import FieldSummary, Summariser, room_for
 
 __all__ = ["Centroid", "learn"]
 
@@ -67,25 +69,51 @@ class Centroid:
 
         size = (len(fields), columns.size)
         row, height = np.empty(size), np.empty(size)
-        status, clipped = np.empty(size, np.uint8), np.empty(size, np.bool_)
-        half = self.shape.half_width
-        kernel.column_centres(
-            fields,
-            columns,
-            start,
-            half,
-            self.shape.flank,
-            max(_REACH, 0.5 * half),
-            2 * self.shape.half_box + 1,
-            self.shape.sign,
-            self.shape.threshold,
-            self.shape.saturation,
-            row,
-            height,
-            status,
-            clipped,
+        cut, clipped = np.empty(size, np.bool_), np.empty(size, np.bool_)
+        kernel.column_centres(fields, columns, start, self._settings, row, height, cut, clipped)
+        return ColumnCentres(row=row, height=height, cut=cut, clipped=clipped)
+
+    def summary(
+        self,
+        fields: NDArray[np.integer],
+        columns: NDArray[np.int64],
+        first_line: NDArray[np.float64],
+        summariser: Summariser,
+    ) -> FieldSummary:
+        """Find the line in each field, measure its centres and sum them up, in one pass.
+
+        Parameters
+        ----------
+        fields, columns, first_line, summariser
+            As for `glint_aoa.optical.estimator.Estimator`.
+
+        Returns
+        -------
+        FieldSummary
+            What the columns come to.
+        """
+        from glint_aoa.optical import _centroid_kernel as kernel  # noqa: PLC0415  compiles
+
+        fields = np.ascontiguousarray(fields)
+        search = search_settings(fields, self.shape)
+        room = room_for(len(fields))
+        kernel.measure_fields(
+            fields, columns, search, self._settings, first_line, summariser.settings, *room
         )
-        return ColumnCentres(row=row, height=height, cut=status == kernel.CUT, clipped=clipped)
+        return FieldSummary.of_figures(*room)
+
+    @property
+    def _settings(self) -> tuple[float | int, ...]:
+        shape = self.shape
+        return (
+            shape.half_width,
+            shape.flank,
+            max(_REACH, 0.5 * shape.half_width),
+            2 * shape.half_box + 1,
+            shape.sign,
+            shape.threshold,
+            float(shape.saturation),
+        )
 
 
 def learn(sample: Sample, shape: GlintShape, noise: NoiseModel) -> Centroid:  # noqa: ARG001

@@ -1,18 +1,19 @@
 """Where the glint is and how wide: what the column estimators need to know beforehand."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from glint_aoa.optical.centroid import Centroid
+from glint_aoa.optical.coarse import FAR_OUT, find_lines, patch_pitch
 from glint_aoa.optical.columns import spread_columns
 from glint_aoa.optical.shape import GlintShape
 from glint_aoa.setup import Glint
 
-__all__ = ["CoarseLines", "find_glint", "find_lines"]
+__all__ = ["find_glint"]
 
 _Array = NDArray[np.float64]
 
@@ -27,94 +28,7 @@ _SHAPE_SAMPLE = 7  # fields that show the glint's width
 _COME_DOWN, _CEASED = 0.4, 0.02  # of a profile's height: fallen at least, and no more in two lines
 _LEAST_ROOM = 6  # of the rows to look in hold half a box
 _BAND_MARGIN = 6  # lines on either side of where the sample's lines and their flanks lie
-_LEAST_PATCHES = 8
 _NOISE_SAMPLE = 2  # fields show the noise along lines
-_FAR_OUT = -1e6  # row of a line where it has left the rows to look in
-
-
-@dataclass(frozen=True)
-class CoarseLines:
-    """The line of each field, good to a part of a line where it is straight.
-
-    Attributes
-    ----------
-    coefficients : ndarray, shape (field, 3)
-        Row against column, in rising powers; NaN where no line was found.
-    share : ndarray, shape (field,)
-        Share of the bright patches of a field that lie on its line.
-    contrast : ndarray, shape (field,)
-        Their mean height over what surrounds them [grey levels].
-    """
-
-    coefficients: _Array
-    share: _Array
-    contrast: _Array
-
-    def rows(self, columns: NDArray[np.int64], shape: GlintShape) -> _Array:
-        """Row of the lines at columns [field, column]: NaN where none, far out beyond the rows."""
-        u = columns.astype(np.float64)
-        c = self.coefficients
-        rows = (c[:, 2:3] * u + c[:, 1:2]) * u + c[:, 0:1]
-        outside = (rows < shape.first_row - 0.5) | (rows > shape.last_row - 0.5)
-        rows[outside] = _FAR_OUT
-        return rows
-
-
-def find_lines(fields: NDArray[np.integer], shape: GlintShape) -> CoarseLines:
-    """Find the line in each field.
-
-    Patches of eight pixels along the lines (four of 16 bits) are summed; in each, the box of lines
-    that stands out most votes for a straight line, and the line on which most agree is fitted to
-    the peaks of its voters; as a parabola where it is bent.
-
-    Parameters
-    ----------
-    fields : ndarray, shape (field, line, column)
-        Grey levels, uint8 or uint16.
-    shape : GlintShape
-        What is known of the glint.
-
-    Returns
-    -------
-    CoarseLines
-        The lines.
-    """
-    from glint_aoa.optical import _locate_kernel as kernel  # noqa: PLC0415  compiles
-
-    words, pitch = _words(fields)
-    n = len(fields)
-    line, share, contrast = np.empty((n, 3)), np.empty(n), np.empty(n)
-    kernel.coarse_lines(
-        words,
-        fields.dtype.itemsize == 2,
-        shape.first_row,
-        shape.last_row,
-        shape.band_first,
-        shape.band_last,
-        shape.half_box,
-        shape.surround,
-        shape.sign,
-        shape.patch_threshold,
-        shape.usual_contrast,
-        line,
-        share,
-        contrast,
-    )
-    # From the number p of a patch to the column u = pitch p + offset of its middle.
-    offset = (pitch - 1) / 2
-    a, b, c = line.T
-    b, c = b / pitch, c / pitch**2
-    line = np.stack([a - b * offset + c * offset**2, b - 2 * c * offset, c], axis=1)
-    return CoarseLines(line, share, contrast)
-
-
-def _words(fields: NDArray[np.integer]) -> tuple[NDArray[np.uint64], int]:
-    """Fields as words of eight bytes [field, line, word], and columns from one to the next."""
-    pixels = 8 // fields.dtype.itemsize
-    whole = fields.shape[2] // pixels * pixels
-    if whole < _LEAST_PATCHES * pixels:  # too narrow: each column becomes a patch
-        return np.repeat(fields, pixels, axis=2).view(np.uint64), 1
-    return np.ascontiguousarray(fields)[:, :, :whole].view(np.uint64), pixels
 
 
 def find_glint(
@@ -212,9 +126,10 @@ def _background_noise(fields: NDArray[np.integer]) -> float:
 
 def _patch_noise(fields: NDArray[np.integer], half_box: int) -> float:
     """Noise of a patch's box of lines held against two others, from differences along lines."""
-    words, _ = _words(fields)
     pixels = 8 // fields.dtype.itemsize
-    patches = words.view(fields.dtype).reshape(*words.shape, pixels).mean(axis=3)
+    pitch = patch_pitch(fields)
+    whole = fields[:, :, : fields.shape[2] // pitch * pitch]
+    patches = whole.reshape(*whole.shape[:2], -1, pitch).mean(axis=3)
     return math.sqrt(1.5) * _box_noise(patches, half_box, pixels)
 
 
@@ -241,7 +156,7 @@ def _mean_profile(
     limits: tuple[int, int],
 ) -> _Array | None:
     """Mean profile about the centre, on a grid of lines as far as the limits go; NaN beyond."""
-    field, column = np.nonzero(rows > _FAR_OUT)
+    field, column = np.nonzero(rows > FAR_OUT)
     if field.size < 3:
         return None
     middle = np.round(rows[field, column]).astype(np.int64)

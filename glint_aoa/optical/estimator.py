@@ -2,12 +2,15 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import Protocol, Self
+from typing import TYPE_CHECKING, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from glint_aoa.optical.columns import spread_columns
+
+if TYPE_CHECKING:
+    from glint_aoa.optical.summary import FieldSummary, Summariser
 
 __all__ = ["ColumnCentres", "Estimator", "Sample"]
 
@@ -98,4 +101,25 @@ class Estimator(Protocol):
             Columns to measure, 0-based in the recorded window.
         start : ndarray, shape (field, column)
             Row at which the line is expected, good to a line or two; NaN where there is none.
+        """
+
+    def summary(
+        self,
+        fields: NDArray[np.integer],
+        columns: NDArray[np.int64],
+        first_line: NDArray[np.float64],
+        summariser: "Summariser",
+    ) -> "FieldSummary":
+        """Find the line in each field, measure its centres and sum them up.
+
+        Parameters
+        ----------
+        fields : ndarray, shape (field, line, column)
+            Grey levels, uint8 or uint16.
+        columns : ndarray, shape (column,)
+            Columns to measure, 0-based in the recorded window.
+        first_line : ndarray, shape (field,)
+            Sensor line of the window's row 0 in each field [pixels].
+        summariser : Summariser
+            From the columns' centres to the field's line.
         """

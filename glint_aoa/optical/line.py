@@ -1,6 +1,6 @@
 """Robust weighted straight lines, many fields at a time."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,12 +8,6 @@ from numpy.typing import NDArray
 __all__ = ["LineFit", "fit_lines", "fit_lines_robustly", "row_medians"]
 
 _Array = NDArray[np.float64]
-
-_OUTLIER = 4.5  # standard deviations at which a field's columns are looked at again
-_FEW = 0.1  # of the columns outlying leave the plain line fit to start from
-_BISQUARE = 6.0  # standard deviations at which a column loses all weight; 99 % efficient
-_ROUNDS = 5
-_MEDIAN_COLUMNS = 48  # are enough to start from
 
 
 @dataclass(frozen=True)
@@ -41,41 +35,22 @@ class LineFit:
     residual: _Array
 
 
-def fit_lines(s: _Array, z: _Array, weight: _Array) -> LineFit:
+def fit_lines(s: _Array, z: _Array, std: _Array) -> LineFit:
     """Fit a weighted straight line to each row.
 
     Parameters
     ----------
     s, z : ndarray, shape (field, column)
         Abscissa and ordinate, in the same unit; NaN in z where there is no point.
-    weight : ndarray, shape (field, column) or (column,)
-        Inverse variances of z.
+    std : ndarray, shape (column,)
+        Noise of z in each column, 1 sigma; infinite for a column to leave out.
 
     Returns
     -------
     LineFit
         The lines.
     """
-    there = np.isfinite(z) & np.isfinite(s)
-    weight = np.where(there, weight, 0.0)
-    s0, z0 = np.where(there, s, 0.0), np.where(there, z, 0.0)
-    total = weight.sum(axis=1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        s_mean = np.einsum("fc,fc->f", weight, s0) / total
-        z_mean = np.einsum("fc,fc->f", weight, z0) / total
-        ds = s0 - s_mean[:, None]
-        spread = np.einsum("fc,fc,fc->f", weight, ds, ds)
-        slope = np.einsum("fc,fc,fc->f", weight, ds, z0) / spread
-        slope_var = 1 / spread
-        intercept_var = 1 / total + s_mean**2 / spread
-    bad = ~(np.isfinite(slope) & ((weight > 0).sum(axis=1) >= 2))
-    slope, slope_var, intercept_var = (
-        np.where(bad, np.nan, each) for each in (slope, slope_var, intercept_var)
-    )
-    covariance = -s_mean * slope_var
-    intercept = z_mean - slope * s_mean
-    residual = np.where(there, z, np.nan) - intercept[:, None] - slope[:, None] * s0
-    return LineFit(slope, intercept, slope_var, intercept_var, covariance, weight, residual)
+    return _fitted(s, z, std, np.zeros(std.size), robust=False)
 
 
 def fit_lines_robustly(s: _Array, z: _Array, std: _Array, usual: _Array) -> LineFit:
@@ -83,7 +58,9 @@ def fit_lines_robustly(s: _Array, z: _Array, std: _Array, usual: _Array) -> Line
 
     Rows in which every column lies within 4.5 standard deviations of the line keep the plain
     weighted fit, so nothing is lost on clean data. In the others Tukey's bisquare weights are
-    iterated, with the larger of the stated noise and the row's own scatter as scale.
+    iterated, with the larger of the stated noise and the row's own scatter as scale; where more
+    than a tenth of the columns lie off, from a line by repeated medians (Siegel, Biometrika 69,
+    1982, 242).
 
     Parameters
     ----------
@@ -99,62 +76,17 @@ def fit_lines_robustly(s: _Array, z: _Array, std: _Array, usual: _Array) -> Line
     LineFit
         The lines.
     """
-    fit, outlying = _plain_fit(s, z, std, usual)
-    spoilt = outlying > _FEW * s.shape[1]
-    for rows in (np.flatnonzero((outlying > 0) & ~spoilt), np.flatnonzero(spoilt)):
-        if rows.size == 0:
-            continue
-        start = fit.residual[rows]
-        if spoilt[rows[0]]:
-            start = _about_median_line(s[rows], z[rows], usual)
-        again = _bisquare(s[rows], z[rows], std, usual, start)
-        for each in fields(LineFit):
-            getattr(fit, each.name)[rows] = getattr(again, each.name)
-    return fit
+    return _fitted(s, z, std, usual, robust=True)
 
 
-def _plain_fit(s: _Array, z: _Array, std: _Array, usual: _Array) -> tuple[LineFit, _Array]:
-    """Weighted lines in one compiled pass, and how many columns of each lie off it."""
+def _fitted(s: _Array, z: _Array, std: _Array, usual: _Array, *, robust: bool) -> LineFit:
     from glint_aoa.optical import _line_kernel as kernel  # noqa: PLC0415  compiles
 
-    n = len(z)
-    figures, outlying = np.empty((5, n)), np.empty(n)
+    figures = np.empty((len(z), 5))
     weight, residual = np.empty(z.shape), np.empty(z.shape)
-    kernel.fit_lines(s, z, 1 / std**2, usual, _OUTLIER, figures, weight, residual, outlying)
-    slope, intercept, slope_var, intercept_var, covariance = figures
-    fit = LineFit(slope, intercept, slope_var, intercept_var, covariance, weight, residual)
-    return fit, outlying
-
-
-def _bisquare(s: _Array, z: _Array, std: _Array, usual: _Array, residual: _Array) -> LineFit:
-    """Iterate bisquare weights from the residuals of a first line."""
-    prior = 1 / std**2
-    for _ in range(_ROUNDS):
-        distance = np.abs(residual - usual) / std
-        with np.errstate(invalid="ignore"):
-            known = np.where(np.isfinite(std) & np.isfinite(distance), distance, np.nan)
-        scale = np.maximum(1.0, 1.4826 * row_medians(known))
-        shrink = np.clip(1 - (distance / (_BISQUARE * scale[:, None])) ** 2, 0.0, 1.0) ** 2
-        fit = fit_lines(s, z, prior * np.nan_to_num(shrink))
-        residual = fit.residual
-    return fit
-
-
-def _about_median_line(s: _Array, z: _Array, usual: _Array) -> _Array:
-    """Residuals from a line by repeated medians, which just under half of the columns cannot spoil.
-
-    Siegel, Biometrika 69 (1982) 242.
-    """
-    some = slice(None, None, -(-s.shape[1] // _MEDIAN_COLUMNS))
-    level = z - usual
-    ds = s[:, some, None] - s[:, None, some]
-    dz = level[:, some, None] - level[:, None, some]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        slopes = np.where(ds == 0, np.nan, dz / ds)
-    each = row_medians(slopes.reshape(-1, slopes.shape[2])).reshape(slopes.shape[:2])
-    slope = row_medians(each)
-    intercept = row_medians(level - slope[:, None] * s)
-    return z - intercept[:, None] - slope[:, None] * s
+    kernel.fit_rows(s, z, std, usual, robust, figures, weight, residual)
+    slope, intercept, slope_var, intercept_var, covariance = np.ascontiguousarray(figures.T)
+    return LineFit(slope, intercept, slope_var, intercept_var, covariance, weight, residual)
 
 
 def row_medians(values: _Array) -> _Array:

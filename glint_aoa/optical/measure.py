@@ -4,8 +4,7 @@ import os
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, fields, replace
-from typing import Self
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +12,11 @@ from numpy.typing import NDArray
 from glint_aoa.flags import Flag
 from glint_aoa.optical.estimator import ColumnCentres
 from glint_aoa.optical.line import LineFit, fit_lines_robustly
-from glint_aoa.optical.prepare import Measurement, prepare
+from glint_aoa.optical.measurement import Measurement
+from glint_aoa.optical.prepare import prepare
 from glint_aoa.optical.reference import has_moved, mark_shift, moved_fields
 from glint_aoa.optical.sequence import FieldLines, check_sequence
-from glint_aoa.optical.shape import GlintShape
+from glint_aoa.optical.summary import FieldSummary
 from glint_aoa.records.fields import FieldStack
 from glint_aoa.records.recording import Recording
 from glint_aoa.setup import Setup
@@ -63,13 +63,6 @@ class FieldAngles:
     rms_residual: _Array
     flags: NDArray[np.int64]
 
-    @classmethod
-    def joined(cls, parts: list[Self]) -> Self:
-        """Join the results of consecutive blocks."""
-        return cls(
-            **{f.name: np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(cls)}
-        )
-
 
 def measure_fields(
     block: NDArray[np.integer], number: NDArray[np.int64], measurement: Measurement
@@ -90,7 +83,7 @@ def measure_fields(
     FieldAngles
         One entry a field.
     """
-    return _measured(block, number, measurement)[0]
+    return _angles(_summed(block, number, measurement), number, measurement)
 
 
 def measure_stack(
@@ -125,12 +118,13 @@ def measure_stack(
     for part in _in_threads(stack, measurement, threads or os.cpu_count() or 1):
         parts.append(part)
         if progress is not None:
-            progress(part[0].field.size)
-    angles = FieldAngles.joined([angles for angles, _ in parts])
-    lines = FieldLines.joined([lines for _, lines in parts])
+            progress(part.used.size)
+    lines = FieldSummary.joined(parts)
+    recording = measurement.recording
+    angles = _angles(lines, np.arange(stack.n_fields, dtype=np.int64), measurement)
     if stack.times_s is not None:
         angles = _with_timestamps(angles, stack.times_s, recording)
-    seen = check_sequence(lines, recording, times_s=stack.times_s)
+    seen = check_sequence(FieldLines.of_summary(lines), recording, times_s=stack.times_s)
     if measurement.mark is not None:
         moved = moved_fields(lines.mark_shift, measurement.mark)
         seen |= np.where(moved, int(Flag.CAMERA_MOVED), 0)
@@ -139,35 +133,42 @@ def measure_stack(
 
 def _in_threads(
     stack: FieldStack, measurement: Measurement, threads: int
-) -> Iterator[tuple[FieldAngles, FieldLines]]:
+) -> Iterator[FieldSummary]:
     """Measure the blocks in order, while at most one more than `threads` is held in memory."""
     if threads == 1:
         for start, block in stack.blocks():
-            yield _measured(block, start + np.arange(len(block)), measurement)
+            yield _summed(block, start + np.arange(len(block)), measurement)
         return
-    waiting: deque[Future[tuple[FieldAngles, FieldLines]]] = deque()
+    waiting: deque[Future[FieldSummary]] = deque()
     with ThreadPoolExecutor(threads) as pool:
         for start, block in stack.blocks():
             number = start + np.arange(len(block))
-            waiting.append(pool.submit(_measured, block, number, measurement))
+            waiting.append(pool.submit(_summed, block, number, measurement))
             if len(waiting) > threads:
                 yield waiting.popleft().result()
         while waiting:
             yield waiting.popleft().result()
 
 
-def _measured(
+def _summed(
     block: NDArray[np.integer], number: NDArray[np.int64], measurement: Measurement
-) -> tuple[FieldAngles, FieldLines]:
-    centres, fit = fit_fields(block, number, measurement)
-    used = fit.weight > 0
-    count = used.sum(axis=1)
-    enough = count >= _LEAST_COLUMNS
-    variance, rms = _scatter(fit, used, measurement.dimming(centres.height, used), measurement)
-    fit = _scaled(fit, np.where(enough, variance, np.nan))
-    angle, angle_std, intercept, intercept_std = _attitude(fit, measurement)
-    recording, shift = measurement.recording, _mark_shift(block, number, measurement)
-    angles = FieldAngles(
+) -> FieldSummary:
+    lines = measurement.summary(block, number)
+    if measurement.mark is None:
+        return lines
+    shift = mark_shift(block, measurement.recording.parity_of(number), measurement.mark)
+    return replace(lines, mark_shift=shift)
+
+
+def _angles(
+    lines: FieldSummary, number: NDArray[np.int64], measurement: Measurement
+) -> FieldAngles:
+    """Angles of fields from what their columns come to."""
+    enough = lines.used >= _LEAST_COLUMNS
+    variance = np.where(enough, _unit_variance(lines, measurement), np.nan)
+    angle, angle_std, intercept, intercept_std = _attitude(lines, variance, measurement)
+    recording = measurement.recording
+    return FieldAngles(
         field=number,
         time_s=recording.time_of(number) + recording.exposure_s / 2,
         parity=recording.parity_of(number),
@@ -175,15 +176,10 @@ def _measured(
         angle_std=angle_std,
         intercept=intercept,
         intercept_std=intercept_std,
-        columns_used=count,
-        rms_residual=np.where(enough, rms, np.nan),
-        flags=_flags(centres, used, variance, measurement, angle_std)
-        | _mark_flags(shift, measurement),
+        columns_used=lines.used,
+        rms_residual=np.sqrt(np.where(enough, lines.squares, np.nan) / np.maximum(lines.used, 1)),
+        flags=_flags(lines, variance, angle_std, measurement),
     )
-    lines = FieldLines.of_block(
-        centres.row, centres.height, measurement.columns, used, mark_shift=shift
-    )
-    return angles, lines
 
 
 def fit_fields(
@@ -209,96 +205,74 @@ def fit_fields(
     return centres, fit
 
 
-def _scaled(fit: LineFit, variance: _Array) -> LineFit:
-    """Give the line's variances their scale; NaN for fields without a line."""
+def _unit_variance(lines: FieldSummary, measurement: Measurement) -> _Array:
+    """Variance of unit weight: what the centres' noise is over that of the sample."""
+    freedom = np.maximum(lines.used - 2, 1)
+    if not measurement.knows_noise:
+        return lines.own_squares / freedom
+    # The offsets took some of the noise away.
+    squares = lines.own_squares * (1 + 1 / measurement.sample_size)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        expected = measurement.growth(lines.height / lines.usual_height)
+    variance: _Array = (_PRIOR_WEIGHT * expected + squares) / (_PRIOR_WEIGHT + freedom)
+    return variance
+
+
+def _attitude(
+    lines: FieldSummary, variance: _Array, measurement: Measurement
+) -> tuple[_Array, _Array, _Array, _Array]:
+    """Angle and intercept, each with its noise: of the glint's line, or of the body's axis.
+
+    `variance` is that of unit weight [field], NaN for fields without a line.
+    """
     there = np.isfinite(variance)
-    return replace(
-        fit,
-        slope=np.where(there, fit.slope, np.nan),
-        intercept=np.where(there, fit.intercept, np.nan),
-        slope_var=variance * fit.slope_var,
-        intercept_var=variance * fit.intercept_var,
-        covariance=variance * fit.covariance,
-    )
-
-
-def _attitude(fit: LineFit, measurement: Measurement) -> tuple[_Array, _Array, _Array, _Array]:
-    """Angle and intercept, each with its noise: of the glint's line, or of the body's axis."""
+    slope, intercept = (np.where(there, each, np.nan) for each in (lines.slope, lines.intercept))
+    slope_var, intercept_var = variance * lines.slope_var, variance * lines.intercept_var
     sign = measurement.setup.glint.nose_sign
     if measurement.reflection is None:
-        angle = sign * np.arctan(fit.slope)
-        angle_std = np.sqrt(fit.slope_var) / (1 + fit.slope**2)
-        return angle, angle_std, fit.intercept, np.sqrt(fit.intercept_var)
-    axis = measurement.reflection.axis_line(fit.slope, fit.intercept)
-    pitch_std, _, glint_std = axis.stds(fit.slope_var, fit.intercept_var, fit.covariance)
+        angle_std = np.sqrt(slope_var) / (1 + slope**2)
+        return sign * np.arctan(slope), angle_std, intercept, np.sqrt(intercept_var)
+    axis = measurement.reflection.axis_line(slope, intercept)
+    pitch_std, _, glint_std = axis.stds(slope_var, intercept_var, variance * lines.covariance)
     return sign * axis.pitch, pitch_std, axis.glint_intercept, glint_std
 
 
-def _scatter(
-    fit: LineFit, used: NDArray[np.bool_], dimming: _Array, measurement: Measurement
-) -> tuple[_Array, _Array]:
-    """Variance of unit weight, and rms departure from the line, of each field."""
-    residual = np.where(used, fit.residual, 0.0)
-    count = used.sum(axis=1)
-    rms = np.sqrt((residual**2).sum(axis=1) / np.maximum(count, 1))
-    own = np.where(used, fit.residual - measurement.column_offset, 0.0)
-    freedom = np.maximum(count - 2, 1)
-    sum_of_squares = (fit.weight * own**2).sum(axis=1)
-    if not measurement.knows_noise:
-        return sum_of_squares / freedom, rms
-    sum_of_squares *= 1 + 1 / measurement.sample_size  # the offsets took some of the noise away
-    return (_PRIOR_WEIGHT * dimming + sum_of_squares) / (_PRIOR_WEIGHT + freedom), rms
-
-
 def _flags(
-    centres: ColumnCentres,
-    used: NDArray[np.bool_],
-    variance: _Array,
-    measurement: Measurement,
-    angle_std: _Array,
+    lines: FieldSummary, variance: _Array, angle_std: _Array, measurement: Measurement
 ) -> NDArray[np.int64]:
-    """Collect the flags that each field shows on its own."""
-    count, columns = used.sum(axis=1), used.shape[1]
-    there = count >= _LEAST_COLUMNS
-    height = np.where(used, centres.height, np.nan)
-    unsure = angle_std > _UNSURE
+    """Collect the flags that each field shows on its own, and those of the whole stack."""
+    columns = measurement.columns.size
+    there = lines.used >= _LEAST_COLUMNS
+    dim = lines.dim > 0.5 * np.maximum(lines.used, 1)
     conditions = {
         Flag.NO_GLINT: ~there,
-        Flag.LOW_CONTRAST: there & (_dim(height, measurement.shape) | unsure),
-        Flag.TRUNCATED: centres.cut.sum(axis=1) > _SHARE_FLAGGED * columns,
-        Flag.SATURATED: (centres.clipped & used).sum(axis=1) > _SHARE_FLAGGED * columns,
-        Flag.FEW_COLUMNS: count < 0.5 * columns,
+        Flag.LOW_CONTRAST: there & (dim | (angle_std > _UNSURE)),
+        Flag.TRUNCATED: lines.cut > _SHARE_FLAGGED * columns,
+        Flag.SATURATED: lines.clipped > _SHARE_FLAGGED * columns,
+        Flag.FEW_COLUMNS: lines.used < 0.5 * columns,
         Flag.POOR_LINE: there & (variance > _POOR**2),
-        Flag.UNCALIBRATED: np.full(len(count), not measurement.is_calibrated),
-        Flag.SECOND_GLINT: there & (measurement.shape.second > _SECOND),
-        Flag.CURVED_LINE: there & _is_bent(measurement),
-        Flag.PIXEL_LOCKING: there & measurement.locks,
         Flag.UNEVEN: there & _is_uneven(angle_std, measurement),
     }
-    flags = np.zeros(len(count), np.int64)
+    flags = np.where(there, int(_stack_flags(measurement)), 0)
+    if not measurement.is_calibrated:
+        flags |= int(Flag.UNCALIBRATED)
+    if measurement.mark is not None:
+        conditions[Flag.CAMERA_MOVED] = has_moved(lines.mark_shift, measurement.mark)
     for flag, where in conditions.items():
-        flags |= np.where(where, int(flag), 0)
+        flags[where] |= int(flag)
     return flags
 
 
-def _mark_shift(
-    block: NDArray[np.integer], number: NDArray[np.int64], measurement: Measurement
-) -> _Array:
-    if measurement.mark is None:
-        return np.full((len(block), 2), np.nan)
-    return mark_shift(block, measurement.recording.parity_of(number), measurement.mark)
-
-
-def _mark_flags(shift: _Array, measurement: Measurement) -> NDArray[np.int64]:
-    mark = measurement.mark
-    moved = np.zeros(len(shift), np.bool_) if mark is None else has_moved(shift, mark)
-    return np.where(moved, int(Flag.CAMERA_MOVED), 0)
-
-
-def _dim(height: _Array, shape: GlintShape) -> NDArray[np.bool_]:
-    low = np.where(np.isfinite(height), height < shape.threshold, False).sum(axis=1)
-    dim: NDArray[np.bool_] = low > 0.5 * np.maximum(np.isfinite(height).sum(axis=1), 1)
-    return dim
+def _stack_flags(measurement: Measurement) -> Flag:
+    """Return the flags that the sample puts on every field with a line."""
+    flags = Flag(0)
+    if measurement.shape.second > _SECOND:
+        flags |= Flag.SECOND_GLINT
+    if _is_bent(measurement):
+        flags |= Flag.CURVED_LINE
+    if measurement.locks:
+        flags |= Flag.PIXEL_LOCKING
+    return flags
 
 
 def _is_bent(measurement: Measurement) -> bool:

@@ -1,22 +1,22 @@
 """What a sample of a stack teaches before its fields are measured."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from glint_aoa.errors import RecordingError
-from glint_aoa.geometry import ColumnsToPlane, PixelToPlane
+from glint_aoa.geometry import PixelToPlane
 from glint_aoa.geometry.reflection import GlintReflection
 from glint_aoa.optical import centroid, gaussian, profile, steger
 from glint_aoa.optical.centroid import Centroid
 from glint_aoa.optical.columns import used_columns
-from glint_aoa.optical.detect import find_glint, find_lines
+from glint_aoa.optical.detect import find_glint
 from glint_aoa.optical.estimator import ColumnCentres, Estimator, Sample
 from glint_aoa.optical.line import LineFit, fit_lines_robustly, row_medians
-from glint_aoa.optical.locking import PixelLocking, pixel_locking
+from glint_aoa.optical.locking import pixel_locking
+from glint_aoa.optical.measurement import Measurement
 from glint_aoa.optical.noise import NoiseModel, sample_noise
 from glint_aoa.optical.reference import FIRST_FIELDS, Mark, learn_mark
 from glint_aoa.optical.shape import GlintShape
@@ -24,7 +24,7 @@ from glint_aoa.records.fields import FieldStack
 from glint_aoa.records.recording import Recording
 from glint_aoa.setup import Setup
 
-__all__ = ["Measurement", "prepare"]
+__all__ = ["prepare"]
 
 _Array = NDArray[np.float64]
 
@@ -36,132 +36,14 @@ _LEARN: Mapping[str, Callable[[Sample, GlintShape, NoiseModel], Estimator]] = {
 }
 
 _SAMPLE = 64  # fields that stand for a stack
-_LEAST_SAMPLE = 8  # fields below which a column's own offset cannot be told from its noise
 _LEAST_NOISE = 1e-4  # lines: what no estimate of a centre's noise goes below
 _PRIOR_WEIGHTS = (10.0, 1000.0)  # fields that the usual noise of a column counts against its own
 _LEAST_COLUMNS = 3
 _OUTLYING = 4.0  # standard deviations at which a centre does not count for its column's noise
 _ALIKE = 2.0  # times the noise that one profile may leave of all columns' pixels
-_TOGETHER = 64  # fields that are located and measured together, while they are in the cache
 _STEP_DOUBT = 0.25  # of the correction for a step that the glint hides
 _ALIKE_LIT = 0.15  # of the brightness that fields which teach the profile may differ by
 _STRETCHES = 8  # of columns whose lasting departures count as independent
-
-
-@dataclass(frozen=True)
-class Measurement:
-    """How the fields of one stack are measured; made by `prepare`.
-
-    Attributes
-    ----------
-    setup, recording
-        What is known of camera, glint and recording.
-    shape : GlintShape
-        What the sample showed of the glint.
-    columns : ndarray, shape (column,)
-        Columns measured, 0-based in the recorded window.
-    to_plane : PixelToPlane
-        From sensor pixels to the known plane.
-    columns_to_plane : ColumnsToPlane
-        The same for the rows of the columns measured.
-    estimator : Estimator
-        Measures the columns' centres.
-    noise : NoiseModel
-        The camera's noise.
-    column_std, column_offset : ndarray, shape (column,)
-        Noise of a column's centre, 1 sigma, and its usual departure from the line; both as
-        height on the plane [m, or pixels without a pixel pitch].
-    column_height : ndarray, shape (column,)
-        Usual height of the glint, on the estimator's scale [grey levels].
-    slope_doubt : float
-        What the columns' usual departures leave in doubt of every field's slope, 1 sigma [1].
-    sagitta, sagitta_std : float
-        How far the line's middle lies above its ends, usually [m, or pixels].
-    locking : PixelLocking or None
-        Whether centres are drawn to whole field lines, where the sample can tell.
-    sample_size : int
-        Fields in the sample; the noise is unknown below 8.
-    mark : Mark or None
-        The reference mark, where the setup names one.
-    reflection : GlintReflection or None
-        From the glint's line to the body's axis, where the setup describes body and lamp.
-    """
-
-    setup: Setup
-    recording: Recording
-    shape: GlintShape
-    columns: NDArray[np.int64]
-    to_plane: PixelToPlane
-    columns_to_plane: ColumnsToPlane
-    estimator: Estimator
-    noise: NoiseModel
-    column_std: _Array
-    column_offset: _Array
-    column_height: _Array
-    slope_doubt: float
-    sagitta: float
-    sagitta_std: float
-    locking: PixelLocking | None
-    sample_size: int
-    mark: Mark | None
-    reflection: GlintReflection | None
-
-    @property
-    def is_calibrated(self) -> bool:
-        """Whether angles are in the tunnel frame rather than in the image plane."""
-        return self.to_plane.position is not None
-
-    @property
-    def knows_noise(self) -> bool:
-        """Whether the sample was large enough to tell noise from departure."""
-        return self.sample_size >= _LEAST_SAMPLE
-
-    @cached_property
-    def locks(self) -> bool:
-        """Whether pixel locking shows and matters to the angle."""
-        if self.locking is None:
-            return False
-        columns = float(self.columns[-1] - self.columns[0])
-        return bool(self.locking.matters(self.line_height * columns / _span(self)))
-
-    @cached_property
-    def line_height(self) -> float:
-        """Height of a field line on the plane, at the window's middle [m, or pixels]."""
-        middle = self.columns[self.columns.size // 2]
-        row = (self.shape.first_row + self.shape.last_row) / 2
-        v = self.recording.first_line + row + np.array([0.0, 1.0])
-        _, z = self.to_plane(np.full(2, self.recording.first_column + middle), v)
-        return float(abs(z[1] - z[0]))
-
-    def centres(self, fields: NDArray[np.integer]) -> ColumnCentres:
-        """Find the line in each field and measure the centre of each column."""
-        parts = []
-        for start in range(0, len(fields), _TOGETHER):
-            few = fields[start : start + _TOGETHER]
-            rows = find_lines(few, self.shape).rows(self.columns, self.shape)
-            parts.append(self.estimator.centres(few, self.columns, rows))
-        return ColumnCentres.joined(parts)
-
-    def on_plane(self, row: _Array, number: NDArray[np.int64]) -> tuple[_Array, _Array]:
-        """Map centres [field, column], in rows of the window, to the plane: distance and height."""
-        s, z = self.columns_to_plane(self.recording.line_of(row, number))
-        return s, z if self.reflection is None else z - self.reflection.departure
-
-    def dimming(self, height: _Array, used: NDArray[np.bool_]) -> _Array:
-        """Variance of a field's centres over that of the sample's, from its brightness [field].
-
-        Read noise grows with the inverse square of the height, shot noise with its inverse.
-        """
-        usual = np.where(used, self.column_height, 0.0).sum(axis=1)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            ratio = np.where(used, height, 0.0).sum(axis=1) / usual
-        return _growth(ratio, self._read_share)
-
-    @property
-    def _read_share(self) -> float:
-        """Share of the read noise in the variance on the flanks of the usual glint."""
-        shot = self.noise.variance_per_grey * 0.5 * _median(self.column_height)
-        return self.noise.read_variance / (self.noise.read_variance + max(shot, 0.0))
 
 
 def prepare(stack: FieldStack, setup: Setup, recording: Recording) -> Measurement:
@@ -293,10 +175,10 @@ def _with_columns(
     flat = replace(plain, column_std=np.full(plain.columns.size, scale), column_height=height)
     if not np.isfinite(z).any() or not plain.knows_noise:
         return flat, fit, centres
-    dimming = np.sqrt(flat.dimming(centres.height, np.isfinite(z)))
+    dimming = np.sqrt(flat.growth(flat.brightness(centres.height, np.isfinite(z))))
     offset, noise, count = _column_statistics(fit.residual, dimming[:, None])
     # A column's own noise is shrunk towards what its brightness lets expect.
-    expected = np.sqrt(_growth(height / _median(height), flat._read_share))
+    expected = np.sqrt(flat.growth(height / _median(height)))
     usual_noise = max(_median(noise / expected), least) * expected
     prior = _prior_weight(noise / usual_noise, count)
     variance = (count * noise**2 + prior * usual_noise**2) / (count + prior)
@@ -322,11 +204,7 @@ def _prior_weight(ratio: _Array, count: NDArray[np.int64]) -> float:
 
 def _alike_lit(measurement: Measurement, centres: ColumnCentres) -> NDArray[np.bool_]:
     """Fields of the sample in which the glint is about as bright: they show one profile."""
-    used = np.isfinite(centres.row)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        height = np.where(used, centres.height, 0.0).sum(axis=1) / (
-            used @ measurement.column_height
-        )
+    height = measurement.brightness(centres.height, np.isfinite(centres.row))
     known = height[np.isfinite(height)]
     if not known.size:
         return np.ones(height.size, np.bool_)
@@ -367,7 +245,7 @@ def _with_lasting_departures(measurement: Measurement, fit: LineFit, drawn: _Arr
     doubt = np.hypot(_doubt(pull, left, noise), hidden)
     return replace(
         measurement,
-        slope_doubt=float(doubt) / (0.5 * _span(measurement)),
+        slope_doubt=float(doubt) / (0.5 * measurement.span),
         sagitta=-bend,
         sagitta_std=_doubt(weight * basis[2] / norms[2], left, noise),
     )
@@ -407,14 +285,6 @@ def _orthogonal(rows: _Array, weight: _Array) -> _Array:
     return np.stack(done)
 
 
-def _span(measurement: Measurement) -> float:
-    """Length of the measured line on the plane [m, or pixels]."""
-    u = measurement.recording.first_column + measurement.columns[[0, -1]].astype(np.float64)
-    row = (measurement.shape.first_row + measurement.shape.last_row) / 2
-    s, _ = measurement.to_plane(u, np.full(2, measurement.recording.first_line + row))
-    return float(abs(s[1] - s[0]))
-
-
 def _with_reflection(measurement: Measurement, n_lines: int) -> Measurement:
     reflection = measurement.setup.glint.reflection
     if reflection is None:
@@ -448,13 +318,6 @@ def _column_heights(centres: ColumnCentres) -> _Array:
     usual = _median(each)
     heights: _Array = np.where(np.isfinite(each) & (each > 0), each, usual if usual > 0 else 1.0)
     return heights
-
-
-def _growth(ratio: _Array, read_share: float) -> _Array:
-    """Variance of a centre against that at the usual height, for a height `ratio` times it."""
-    ratio = np.where(np.isfinite(ratio), np.clip(ratio, 0.05, 20.0), 1.0)
-    growth: _Array = read_share / ratio**2 + (1 - read_share) / ratio
-    return growth
 
 
 def _column_statistics(

@@ -2,14 +2,17 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from glint_aoa.optical.coarse import search_settings
 from glint_aoa.optical.estimator import ColumnCentres, Sample
 from glint_aoa.optical.line_profile import LineProfile, background_shapes, learn_profile
 from glint_aoa.optical.noise import NoiseModel
 from glint_aoa.optical.shape import GlintShape
+from glint_aoa.optical.summary import FieldSummary, Summariser, room_for
 
 __all__ = ["ProfileMatch", "learn"]
 
@@ -80,33 +83,54 @@ class ProfileMatch:
 
         size = (len(fields), columns.size)
         row, height = np.empty(size), np.empty(size)
-        status, clipped = np.empty(size, np.uint8), np.empty(size, np.bool_)
-        noise = np.array([self.noise.read_variance, self.noise.variance_per_grey, self.noise.black])
-        kernel.match_columns(
-            fields,
-            columns,
-            start,
-            self.shape.sign,
-            self.tables.profile,
-            (
-                self.tables.filters,
-                self.tables.bend,
-                self.tables.uneven_gain,
-                self.tables.spread,
-            ),
+        cut, clipped = np.empty(size, np.bool_), np.empty(size, np.bool_)
+        kernel.match_columns(fields, columns, start, self._settings, row, height, cut, clipped)
+        return ColumnCentres(row=row, height=height, cut=cut, clipped=clipped)
+
+    def summary(
+        self,
+        fields: NDArray[np.integer],
+        columns: NDArray[np.int64],
+        first_line: NDArray[np.float64],
+        summariser: Summariser,
+    ) -> FieldSummary:
+        """Find the line in each field, measure its centres and sum them up, in one pass.
+
+        Parameters
+        ----------
+        fields, columns, first_line, summariser
+            As for `glint_aoa.optical.estimator.Estimator`.
+
+        Returns
+        -------
+        FieldSummary
+            What the columns come to.
+        """
+        from glint_aoa.optical import _profile_kernel as kernel  # noqa: PLC0415  compiles
+
+        fields = np.ascontiguousarray(fields)
+        search = search_settings(fields, self.shape)
+        room = room_for(len(fields))
+        kernel.measure_fields(
+            fields, columns, search, self._settings, first_line, summariser.settings, *room
+        )
+        return FieldSummary.of_figures(*room)
+
+    @property
+    def _settings(self) -> tuple[Any, ...]:
+        tables, shape, noise = self.tables, self.shape, self.noise
+        return (
+            shape.sign,
+            tables.profile,
+            (tables.filters, tables.bend, tables.uneven_gain, tables.spread),
             self.uneven,
             self.usual,
-            noise,
-            _CORE * self.shape.half_width,
-            max(_REACH, 0.5 * self.shape.half_width),
-            self.shape.threshold,
-            self.shape.saturation,
-            row,
-            height,
-            status,
-            clipped,
+            np.array([noise.read_variance, noise.variance_per_grey, noise.black]),
+            _CORE * shape.half_width,
+            max(_REACH, 0.5 * shape.half_width),
+            shape.threshold,
+            float(shape.saturation),
         )
-        return ColumnCentres(row=row, height=height, cut=status == kernel.CUT, clipped=clipped)
 
 
 def learn(sample: Sample, shape: GlintShape, noise: NoiseModel) -> ProfileMatch:

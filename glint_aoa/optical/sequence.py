@@ -1,6 +1,6 @@
 """Checks over the fields of a stack in time: copies, gaps, parity, fading and jumps."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 from glint_aoa.flags import Flag
 from glint_aoa.optical._parity import Parity, find_parity
 from glint_aoa.optical._prediction import outlying
+from glint_aoa.optical.summary import FieldSummary
 from glint_aoa.records.recording import Recording
 
 __all__ = ["FieldLines", "check_sequence"]
 
 _Array = NDArray[np.float64]
 
-_LEAST_COLUMNS = 3
 _LEAST_DISTINCT = 3  # fields that differ, and
 _SHARE_DISTINCT = 1 / 8  # of all: below, a stack has no noise and copies mean nothing
 _FADED = 0.5  # of the brightest
@@ -39,8 +39,6 @@ class FieldLines:
         Mean height of the used columns over their background [grey levels].
     fingerprint : ndarray of uint64, shape (field,)
         The same for fields whose centres are the same to the bit, and for no others.
-    mark_shift : ndarray, shape (field, 2)
-        How far the reference mark lies from its place [pixels]; NaN without one.
     """
 
     row: _Array
@@ -48,57 +46,17 @@ class FieldLines:
     std: _Array
     height: _Array
     fingerprint: NDArray[np.uint64]
-    mark_shift: _Array
 
     @classmethod
-    def of_block(
-        cls,
-        centre_row: _Array,
-        height: _Array,
-        columns: NDArray[np.int64],
-        used: NDArray[np.bool_],
-        *,
-        mark_shift: _Array | None = None,
-    ) -> Self:
-        """Sum up a block of fields.
-
-        Parameters
-        ----------
-        centre_row, height : ndarray, shape (field, column)
-            Centres [rows of the window] and heights [grey levels] of the columns.
-        columns : ndarray, shape (column,)
-            Columns measured [pixels].
-        used : ndarray of bool, shape (field, column)
-            Whether the column entered the field's line.
-        mark_shift : ndarray, shape (field, 2), optional
-            From `glint_aoa.optical.reference.mark_shift`.
-        """
-        used = used & np.isfinite(centre_row)
-        middle, half = (columns[0] + columns[-1]) / 2, max((columns[-1] - columns[0]) / 2, 0.5)
-        s = (columns - middle) / half
-        v, weight = np.where(used, centre_row, 0.0), used.astype(np.float64)
-        n = np.maximum(weight.sum(axis=1), 1)
-        mean, s_mean = v.sum(axis=1) / n, _row_sums(weight, s) / n
-        spread = _row_sums(weight, s**2) - n * s_mean**2
-        there = (n >= _LEAST_COLUMNS) & (spread > 0)
-        spread = np.where(there, spread, 1.0)
-        reach = (_row_sums(v, s) - n * s_mean * mean) / spread
-        squares = np.einsum("fc,fc->f", v, v) - n * mean**2 - spread * reach**2
-        variance = np.maximum(squares, 0.0) / np.maximum(n - 2, 1)
+    def of_summary(cls, lines: FieldSummary) -> Self:
+        """Take what is known of each field from what its columns come to."""
+        height = np.where(np.isfinite(lines.row), lines.height, np.nan)
         return cls(
-            row=np.where(there, mean - reach * s_mean, np.nan),
-            reach=np.where(there, reach, np.nan),
-            std=np.where(there, np.sqrt(variance * (1 / n + s_mean**2 / spread)), np.nan),
-            height=np.where(there, np.where(used, height, 0.0).sum(axis=1) / n, np.nan),
-            fingerprint=_fingerprint(centre_row),
-            mark_shift=np.full((len(v), 2), np.nan) if mark_shift is None else mark_shift,
-        )
-
-    @classmethod
-    def joined(cls, parts: list[Self]) -> Self:
-        """Join consecutive blocks."""
-        return cls(
-            **{f.name: np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(cls)}
+            row=lines.row,
+            reach=lines.reach,
+            std=np.sqrt(lines.row_var),
+            height=height / np.maximum(lines.used, 1),
+            fingerprint=lines.fingerprint,
         )
 
 
@@ -169,20 +127,6 @@ def _moved(
     moved = outlying(row + parity.offset, lines.std, breaks)
     moved |= outlying(np.where(np.isfinite(row), lines.reach, np.nan), lines.std, breaks)
     return moved
-
-
-def _row_sums(values: _Array, weight: _Array) -> _Array:
-    """Weighted sum of each row, the same to the bit in a block of any size."""
-    sums: _Array = np.einsum("fc,c->f", values, weight)
-    return sums
-
-
-def _fingerprint(centre_row: _Array) -> NDArray[np.uint64]:
-    bits = np.ascontiguousarray(centre_row).view(np.uint64)
-    weight = np.random.default_rng(bits.shape[1]).integers(2**63, size=bits.shape[1])
-    odd = 2 * weight.astype(np.uint64) + np.uint64(1)
-    fingerprint: NDArray[np.uint64] = np.einsum("fc,c->f", bits, odd)  # wraps round
-    return fingerprint
 
 
 def _copies(lines: FieldLines) -> NDArray[np.bool_]:
