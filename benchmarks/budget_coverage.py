@@ -20,10 +20,10 @@ import numpy as np
 import tomli_w
 from numpy.typing import NDArray
 
-from calibration.budget import geometry_covariance, geometry_std_deg, uncertain_geometry
-from calibration.resection import resect
-from calibration.sweep import PitchSweep, SweepPoint, fit_sweep_points
-from calibration.target_field import ImageTargets, TargetField
+from calibration.budget.uncertainty import geometry_covariance, geometry_std_deg, uncertain_geometry
+from calibration.resection.resect import resect
+from calibration.resection.target_field import ImageTargets, TargetField
+from calibration.sweep.fit import PitchSweep, SweepPoint, fit_sweep_points
 from glint_aoa.geometry import PixelToPlane
 from glint_aoa.optical.line import fit_lines
 from glint_aoa.setup import Setup, load_setup
@@ -320,7 +320,7 @@ def _measured(
         np.radians([raw]),
         np.array([seen]),
         u=COLUMNS,
-        weight=np.ones(COLUMNS.size),
+        std=np.ones(COLUMNS.size),
         sweep=sweep,
     )[0]
     if sweep is None:

@@ -15,8 +15,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.boards import Board, BoardImage
-from calibration.camera import PARAMETERS, CameraCalibration, calibrate_camera
+from calibration.camera.boards import Board, BoardImage
+from calibration.camera.calibrate import PARAMETERS, CameraCalibration, calibrate_camera
 
 Floats = NDArray[np.float64]
 

@@ -16,8 +16,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.resection import SpaceResection, resect
-from calibration.target_field import ImageTargets, TargetField
+from calibration.resection.resect import SpaceResection, resect
+from calibration.resection.target_field import ImageTargets, TargetField
 from glint_aoa.geometry import rotation_matrix
 from glint_aoa.setup import Camera
 

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.sweep import PitchSweep, SweepPoint, fit_sweep_points
+from calibration.sweep.fit import PitchSweep, SweepPoint, fit_sweep_points
 from glint_aoa.geometry import PixelToPlane
 from glint_aoa.process import measure_point
 from glint_aoa.records.fields import FieldStack

@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.twist import measure_twist
-from calibration.wing_sighting import Sightings
-from calibration.wing_targets import WingTargets
+from calibration.twist.measure import measure_twist
+from calibration.twist.sighting import Sightings
+from calibration.twist.wing_targets import WingTargets
 from glint_aoa.setup import Camera, Glint, Setup
 from render_sim.projection import Pinhole
 from render_sim.scene import Scene, paper_scene

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from calibration.sweep import DEFAULT_ONBOARD_STD_DEG, SweepPoint, SweepSetup
+from calibration.sweep.fit import DEFAULT_ONBOARD_STD_DEG, SweepPoint, SweepSetup
 from glint_aoa.errors import CalibrationError, InputError
 from glint_aoa.flags import REJECTING
 from glint_aoa.inertial.correct import correct

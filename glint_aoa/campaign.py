@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from calibration.drift import Drift, check_drift
-from calibration.sweep import PitchSweep, Provenance, fit_sweep_points
-from calibration.sweep_point import in_order_of_time
+from calibration.drift.check import Drift, check_drift
+from calibration.sweep.fit import PitchSweep, Provenance, fit_sweep_points
+from calibration.sweep.point import in_order_of_time
 from glint_aoa.at_rest import measure_at_rest
 from glint_aoa.benchmark import BenchmarkPoint, check_runs, moment_peak_to_peak_in_lb
 from glint_aoa.errors import InputError, RecordingError

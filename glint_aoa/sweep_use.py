@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.sweep import PitchSweep
+from calibration.sweep.fit import PitchSweep
 from glint_aoa.errors import RecordingError
 from glint_aoa.flags import Flag
 from glint_aoa.optical.measure import FieldAngles, Measurement

@@ -5,8 +5,8 @@ import tomllib
 import numpy as np
 
 from benchmarks.budget_coverage import COLUMNS
-from calibration.budget import uncertainty_budget
-from calibration.sweep import fit_sweep
+from calibration.budget.uncertainty import uncertainty_budget
+from calibration.sweep.fit import fit_sweep
 from glint_aoa.geometry import PixelToPlane
 from glint_aoa.setup import Setup
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from independent_camera import Camera, turned
 
-from calibration.target_field import ImageTargets, TargetField
+from calibration.resection.target_field import ImageTargets, TargetField
 from glint_aoa.setup import Setup
 
 TRUE = Camera(

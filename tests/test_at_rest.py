@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from synthetic import line_fields
 
-from calibration.sweep import SweepPoint, SweepSetup, fit_sweep_points
+from calibration.sweep.fit import SweepPoint, SweepSetup, fit_sweep_points
 from glint_aoa.at_rest import measure_at_rest
 from glint_aoa.campaign import calibrate_sweep, check_sweep
 from glint_aoa.errors import CalibrationError, RecordingError

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from board_pictures import Lens, chessboard, circles, photograph, pose, sheet_of
 
-from calibration._board_order import put_in_order
-from calibration.boards import Board, BoardImage, find_board, find_boards
+from calibration.camera._board_order import put_in_order
+from calibration.camera.boards import Board, BoardImage, find_board, find_boards
 from calibration.photographs import Photograph
 from glint_aoa.errors import CalibrationError
 

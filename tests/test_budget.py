@@ -20,10 +20,10 @@ from budget_setups import (
 from scipy import stats
 
 from benchmarks.budget_coverage import COLUMNS, TrueCamera
-from calibration._budget.chain import Chain
-from calibration._budget.first_order import FirstOrder
-from calibration._budget.model import AngleModel
-from calibration.budget import geometry_covariance
+from calibration.budget._chain import Chain
+from calibration.budget._first_order import FirstOrder
+from calibration.budget._model import AngleModel
+from calibration.budget.uncertainty import geometry_covariance
 from glint_aoa.errors import CalibrationError, SetupError
 from glint_aoa.geometry import GlintReflection, PixelToPlane
 from glint_aoa.setup import Reflection

@@ -24,16 +24,16 @@ from budget_setups import (
 from scipy import stats
 
 from benchmarks.budget_coverage import BAND, COLUMNS, STUDIES, TrueCamera, camera_file, coverage
-from calibration._budget.chain import Chain
-from calibration.budget import (
+from calibration.budget._chain import Chain
+from calibration.budget.uncertainty import (
     geometry_covariance,
     geometry_std_deg,
     uncertain_geometry,
     uncertainty_budget,
 )
-from calibration.resection import resect
-from calibration.sweep import fit_sweep
-from calibration.target_field import ImageTargets, TargetField
+from calibration.resection.resect import resect
+from calibration.resection.target_field import ImageTargets, TargetField
+from calibration.sweep.fit import fit_sweep
 from glint_aoa.errors import CalibrationError
 from glint_aoa.geometry import PixelToPlane
 from glint_aoa.setup import load_setup
@@ -304,7 +304,7 @@ class TestCarriedToFields:
             np.radians(angle_deg),
             np.asarray(intercept, float),
             u=COLUMNS,
-            weight=np.ones(COLUMNS.size),
+            std=np.ones(COLUMNS.size),
             **how,
         )
 

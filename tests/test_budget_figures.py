@@ -5,7 +5,13 @@ from dataclasses import replace
 
 import pytest
 
-from calibration.budget import AngleBudget, BudgetBlock, BudgetRow, Distribution, UncertaintyBudget
+from calibration.budget.uncertainty import (
+    AngleBudget,
+    BudgetBlock,
+    BudgetRow,
+    Distribution,
+    UncertaintyBudget,
+)
 from glint_aoa.report.budget_figures import budget_figure
 from glint_aoa.report.budget_tables import format_budget, format_summary
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy import integrate
 from threadpoolctl import threadpool_limits
 
-from calibration._bundle import (
+from calibration.camera._bundle import (
     Interior,
     Observation,
     Problem,

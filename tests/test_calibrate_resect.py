@@ -14,7 +14,7 @@ from independent_camera import Camera, turned
 from known_targets import APPROXIMATE, STD, TRUE, board
 from matplotlib.figure import Figure
 
-from calibration.resection import SpaceResection
+from calibration.resection.resect import SpaceResection
 from glint_aoa.cli import main
 from glint_aoa.report.resection_figures import resection_figure
 

@@ -9,8 +9,8 @@ import pytest
 import tomli_w
 from board_pictures import Lens, chessboard, circles, photograph, pose, views
 
-from calibration.boards import Board, BoardImage, find_boards
-from calibration.camera import CameraCalibration, Provenance, calibrate_camera
+from calibration.camera.boards import Board, BoardImage, find_boards
+from calibration.camera.calibrate import CameraCalibration, Provenance, calibrate_camera
 from calibration.photographs import Photograph
 from glint_aoa.errors import CalibrationError, OutputError
 from glint_aoa.setup import Setup, load_setup
@@ -41,7 +41,13 @@ def images_of(lens, seed=1, n=10, **how):
 
 
 def calibrated(images, lens=FIELD, **how):
-    options = {"sensor": lens.sensor, "pixel_pitch": lens.pitch, "distortion": 4, "draws": 0}
+    options = {
+        "sensor": lens.sensor,
+        "pixel_pitch": lens.pitch,
+        "distortion": 4,
+        "board_std": 0.0,
+        "draws": 0,
+    }
     return calibrate_camera(images, BOARD, **options | how)
 
 
@@ -64,13 +70,14 @@ def images():
 
 @pytest.fixture(scope="module")
 def fitted(images):
-    return calibrated(images, draws=100, provenance=Provenance(files=("a.png",), date="2026-01-12"))
+    source = Provenance(files=("a.png",), date="2026-01-12")
+    return calibrated(images, draws=100, provenance=source)
 
 
 class TestTruth:
     @pytest.mark.parametrize("lens", [FIELD, SQUARE], ids=["fields", "square pixels"])
     def test_parameters_are_within_their_uncertainty(self, lens):
-        found = calibrated(images_of(lens), lens)
+        found = calibrated(images_of(lens), lens, board_std=None)
         assert found.parameters == tuple(truth_of(lens))[:8]
         assert np.abs(off(found, lens)).max() < 3.5
         assert found.noise_pixels == pytest.approx((0.05, 0.05), rel=0.12)
@@ -124,10 +131,11 @@ class TestTruth:
         bend = 2e-3 * ((BOARD.places[:, 0] - 0.09) / 0.09) ** 2
         real = BOARD.places + np.column_stack([0 * bend, 0 * bend, bend])
         images = images_of(SQUARE, real=real)
-        found = calibrated(images, SQUARE)
+        found = calibrated(images, SQUARE, board_std=None)
+        assert found.board_std_m == 0.01 * BOARD.spacing
         assert np.abs(off(found, SQUARE)).max() < 3.5
         assert found.board_departure_m > 10 * found.board_departure_std_m
-        exact = calibrated(images, SQUARE, board_std=0.0)
+        exact = calibrated(images, SQUARE)
         assert np.abs(off(exact, SQUARE)).max() > 5
         assert exact.board_departure_m == 0
 
@@ -214,13 +222,13 @@ class TestUncertainty:
 
 class TestBadImages:
     def test_the_end_from_which_a_board_is_listed_does_not_matter(self, images, fitted):
-        found = calibrated(changed(images, 3, lambda uv: uv[::-1]), board_std=0.0)
-        plain = calibrated(images, board_std=0.0)
+        found = calibrated(changed(images, 3, lambda uv: uv[::-1]))
+        plain = calibrated(images)
         np.testing.assert_allclose(found.values / found.std, plain.values / found.std, atol=1e-3)
 
     def test_exchanged_rows_and_columns_are_repaired_and_said(self, images):
-        found = calibrated(changed(images, 3, lambda uv: uv[GRID.T.ravel()]), board_std=0.0)
-        plain = calibrated(images, board_std=0.0)
+        found = calibrated(changed(images, 3, lambda uv: uv[GRID.T.ravel()]))
+        plain = calibrated(images)
         np.testing.assert_allclose(found.values / found.std, plain.values / found.std, atol=1e-3)
         assert found.images[3].used
         assert found.images[3].reason.startswith("corner order repaired: rows and columns")
@@ -405,7 +413,7 @@ class TestRefusals:
                 "picture, or choose fewer coefficients"
             ),
         ):
-            calibrated(shifted, lens, distortion=1, board_std=0.0)
+            calibrated(shifted, lens, distortion=1)
 
     @pytest.mark.parametrize(
         ("how", "message"),

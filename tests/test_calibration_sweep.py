@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import optimize, stats
 
-from calibration.sweep import DEFAULT_ONBOARD_STD_DEG, PitchSweep, Provenance, fit_sweep
+from calibration.sweep.fit import DEFAULT_ONBOARD_STD_DEG, PitchSweep, Provenance, fit_sweep
 from glint_aoa.errors import CalibrationError, OutputError
 
 ANGLES = np.arange(-6.0, 6.01, 0.5)

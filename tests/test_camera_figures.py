@@ -7,8 +7,8 @@ import pytest
 from board_pictures import Lens, views
 from matplotlib.quiver import Quiver
 
-from calibration.boards import Board, BoardImage
-from calibration.camera import CameraCalibration, calibrate_camera
+from calibration.camera.boards import Board, BoardImage
+from calibration.camera.calibrate import CameraCalibration, calibrate_camera
 from glint_aoa.report.camera_figures import camera_figure
 from glint_aoa.report.figures import save_figure
 

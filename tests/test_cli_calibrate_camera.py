@@ -1,15 +1,18 @@
 """``glint-aoa calibrate camera`` from pictures to file, figure and exit code."""
 
+import dataclasses
 import json
 import sys
 
 import cv2
 import numpy as np
 import pytest
-from board_pictures import Lens, chessboard, interlaced, pose
+from board_pictures import Lens, chessboard, interlaced, pose, views
 
-from calibration.camera import CameraCalibration
+from calibration.camera.boards import Board, BoardImage
+from calibration.camera.calibrate import CameraCalibration, calibrate_camera
 from glint_aoa.cli import main
+from glint_aoa.cli.calibrate_camera import _warn
 
 LENS = Lens(0.0175, sensor=(376, 120), principal=(190.3, 58.2), distortion=(-0.2, 0, 0, 0, 0))
 BOARD = ["--board", "chessboard:6x4:30mm"]
@@ -87,6 +90,10 @@ def test_interlaced_frames_to_file_and_picture(program, tmp_path):
     found = CameraCalibration.load(tmp_path / "camera.toml")
     assert found.sensor == (376, 120)
     assert abs(found.pixel_pitch_m[1] / 27.5e-6 - 1) < 5e-4
+    assert err == (
+        "The corners leave out much of the sensor, where the distortion is only extrapolated; "
+        "photograph the board near the edges of the picture too\n"
+    )
     assert len(found.provenance.files) == 6
     assert found.provenance.date
     assert (tmp_path / "camera.png").stat().st_size > 10_000
@@ -191,3 +198,24 @@ class TestOutput:
             f"glint-aoa: {pictures / 'glint-aoa.toml'} is the setup itself; give the calibration "
             "another name\n"
         )
+
+
+def test_a_bootstrap_far_above_the_least_squares_is_a_warning(capsys):
+    lens = Lens(0.008, (1e-5, 1e-5), (640, 480), (322.0, 236.0))
+    board = Board("chessboard", 7, 5, 0.03)
+    seen = views(lens, board.places, np.random.default_rng(1), 9)
+    images = [BoardImage(f"{k}", f"{k}", np.arange(35), uv) for k, (uv, _) in enumerate(seen)]
+    fitted = calibrate_camera(
+        images, board, sensor=lens.sensor, pixel_pitch=lens.pitch, distortion=2, draws=0
+    )
+    apart = dataclasses.replace(fitted, bootstrap_covariance=9 * fitted.covariance)
+    _warn(apart, "a.png")
+    told = (
+        "Resampling the pictures gives 3.0 times the uncertainty: they disagree more than their "
+        "noise explains; look at a.png\n"
+    )
+    err = capsys.readouterr().err
+    assert err.startswith(told)
+    few = tuple(dataclasses.replace(image, source="one") for image in fitted.images)
+    _warn(dataclasses.replace(apart, images=few), "a.png")
+    assert capsys.readouterr().err == err.removeprefix(told)

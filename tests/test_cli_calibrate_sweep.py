@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from test_at_rest import CAMERA, record
 
-from calibration.sweep import PitchSweep
+from calibration.sweep.fit import PitchSweep
 from glint_aoa.campaign import calibrate_sweep
 from glint_aoa.cli import main
 from glint_aoa.setup import load_setup

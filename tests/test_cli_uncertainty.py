@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from calibration.sweep import fit_sweep
+from calibration.sweep.fit import fit_sweep
 from glint_aoa.cli import main
 
 SETUP = """

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from calibration.conformal import fit_conformal
+from calibration.twist.conformal import fit_conformal
 from glint_aoa.errors import CalibrationError
 
 STD = 5e-6

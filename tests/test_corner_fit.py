@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import ndtr
 
-from calibration._corner_fit import fit_corners
+from calibration.camera._corner_fit import fit_corners
 
 HALF = (9, 4)
 ASPECT = 27.5 / 11.7

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from benchmarks.sweep_coverage import optical_angles
-from calibration._signatures import SignatureModel
-from calibration.drift import Change, check_drift
-from calibration.sweep import SweepPoint, SweepSetup, fit_sweep_points
+from calibration.drift._signatures import SignatureModel
+from calibration.drift.check import Change, check_drift
+from calibration.sweep.fit import SweepPoint, SweepSetup, fit_sweep_points
 from glint_aoa.errors import CalibrationError
 from glint_aoa.setup import Camera, Glint, Reflection, Setup
 from render_sim.scene import paper_scene

@@ -104,7 +104,7 @@ def test_results_are_not_overwritten_unless_asked(point, setup, tmp_path):
 
 
 def test_the_sweep_of_the_setup_is_applied(point, tmp_path):
-    from calibration.sweep import fit_sweep
+    from calibration.sweep.fit import fit_sweep
 
     raw = process_point(point, load_setup_of(tmp_path, ""), tmp_path / "raw")
     angles = np.linspace(-3, 3, 7)
@@ -123,7 +123,7 @@ def test_the_sweep_of_the_setup_is_applied(point, tmp_path):
 
 
 def test_outside_the_sweep_is_flagged(point, tmp_path):
-    from calibration.sweep import fit_sweep
+    from calibration.sweep.fit import fit_sweep
 
     angles = np.linspace(2, 8, 7)
     fit_sweep(angles, 1e-4, angles, 1e-4, degree=1).save(tmp_path / "sweep.toml")

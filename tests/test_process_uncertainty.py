@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from synthetic import line_fields
 
-from calibration.sweep import fit_sweep
+from calibration.sweep.fit import fit_sweep
 from glint_aoa.errors import CalibrationError
 from glint_aoa.process import load_sweep, measure_point, process_point
 from glint_aoa.records.fields import FieldInfo, FieldStack

@@ -22,9 +22,9 @@ from known_targets import (
 )
 
 from benchmarks.resection_coverage import coverage
-from calibration._attitude import textbook_angles, tunnel_angles
-from calibration.resection import ResectionProvenance, SpaceResection, resect
-from calibration.target_field import ImageTargets
+from calibration.resection._attitude import textbook_angles, tunnel_angles
+from calibration.resection.resect import ResectionProvenance, SpaceResection, resect
+from calibration.resection.target_field import ImageTargets
 from glint_aoa.errors import CalibrationError, OutputError
 from glint_aoa.geometry import rotation_matrix
 

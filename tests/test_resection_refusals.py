@@ -7,8 +7,8 @@ import pytest
 from independent_camera import turned
 from known_targets import ANGLES, APPROXIMATE, TRUE, board, field, in_setup, in_space, seen
 
-from calibration.resection import resect
-from calibration.target_field import ImageTargets
+from calibration.resection.resect import resect
+from calibration.resection.target_field import ImageTargets
 from glint_aoa.errors import CalibrationError
 
 BOARD, SPACE = board(4, 2), in_space()

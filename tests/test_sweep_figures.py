@@ -6,7 +6,7 @@ from test_drift import CHECK_DEG, drift_of, turned
 from test_sweep_outliers import moved, noisy_points
 from test_sweep_temperature import points_at
 
-from calibration.sweep import fit_sweep, fit_sweep_points
+from calibration.sweep.fit import fit_sweep, fit_sweep_points
 from glint_aoa.report.figures import save_figure
 from glint_aoa.report.sweep_figures import drift_figure, sweep_figure
 

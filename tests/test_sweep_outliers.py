@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration._hysteresis import directions
-from calibration.sweep import PitchSweep, SweepPoint, fit_sweep_points
-from calibration.sweep_point import in_order_of_time
+from calibration.sweep._hysteresis import directions
+from calibration.sweep.fit import PitchSweep, SweepPoint, fit_sweep_points
+from calibration.sweep.point import in_order_of_time
 from glint_aoa.errors import CalibrationError
 
 UP_AND_DOWN = np.r_[np.arange(-6.0, 6.01, 1.0), np.arange(5.0, -6.01, -1.0)]

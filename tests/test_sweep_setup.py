@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from calibration.sweep import PitchSweep, SweepSetup, fit_sweep_points, sweep_points
+from calibration.sweep.fit import PitchSweep, SweepSetup, fit_sweep_points, sweep_points
 from glint_aoa.errors import CalibrationError
 from glint_aoa.setup import Setup
 

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calibration._temperatures import BEND, TemperatureWeights, temperature_groups
-from calibration.sweep import PitchSweep, SweepPoint, fit_sweep_points
+from calibration.sweep.fit import PitchSweep, SweepPoint, fit_sweep_points
+from calibration.sweep.temperatures import BEND, TemperatureWeights, temperature_groups
 from glint_aoa.errors import CalibrationError
 
 ANGLES = np.arange(-6.0, 6.01, 2.0)

@@ -8,14 +8,14 @@ from independent_camera import turned
 from known_targets import APPROXIMATE, TRUE, field, in_setup
 
 from calibration.photographs import Photograph
-from calibration.resection import resect
-from calibration.target_field import (
+from calibration.resection.resect import resect
+from calibration.resection.target_field import (
     ImageTargets,
     match_targets,
     read_image_targets,
     read_target_field,
 )
-from calibration.target_image import measure_target_field
+from calibration.resection.target_image import measure_target_field
 from glint_aoa.errors import CalibrationError
 
 BOARD = turned("z", 15) @ turned("x", 10)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calibration._target_tracking import track
+from calibration.twist._tracking import track
 
 RNG = np.random.default_rng(1)
 TARGETS = np.stack(np.meshgrid(np.arange(6) * 1e-3, np.arange(4) * 1.2e-3), axis=-1).reshape(-1, 2)

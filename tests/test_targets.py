@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from independent_camera import Camera as IndependentCamera
 
-from calibration.targets import ellipse_correction, find_targets
+from calibration.targets.find import ellipse_correction, find_targets
 from glint_aoa.errors import CalibrationError
 from glint_aoa.geometry import project
 from glint_aoa.optical.noise import NoiseModel

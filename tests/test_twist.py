@@ -10,9 +10,9 @@ from independent_camera import Camera as IndependentCamera
 from independent_camera import turned
 
 from benchmarks.twist_coverage import CASES, STATED_STD, coverage
-from calibration.twist import measure_twist
-from calibration.wing_sighting import Sightings, sight_targets
-from calibration.wing_targets import read_wing_targets
+from calibration.twist.measure import measure_twist
+from calibration.twist.sighting import Sightings, sight_targets
+from calibration.twist.wing_targets import read_wing_targets
 from glint_aoa.errors import CalibrationError, SetupError
 from glint_aoa.setup import Camera, Glint, Setup
 from render_sim.wing import WingSection

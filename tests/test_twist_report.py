@@ -4,7 +4,7 @@ import dataclasses
 
 import pytest
 
-from calibration.twist import StationTwist, TargetMotion, WingTwist
+from calibration.twist.measure import StationTwist, TargetMotion, WingTwist
 from glint_aoa.report.twist_figures import twist_figure
 from glint_aoa.report.twist_tables import station_columns, target_columns, twist_values
 

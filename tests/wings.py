@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from calibration.photographs import Photograph
-from calibration.wing_targets import WingTargets
+from calibration.twist.wing_targets import WingTargets
 from glint_aoa.records.fields import FieldInfo
 from glint_aoa.records.points import RecordedPoint, write_point
 from glint_aoa.setup import Camera, Glint, Setup

@@ -22,13 +22,13 @@ from glint_aoa.cli._common import (
 from glint_aoa.errors import InputError, OutputError
 
 if TYPE_CHECKING:
-    from calibration.camera import CameraCalibration
+    from calibration.camera.calibrate import CameraCalibration
     from glint_aoa.setup import Setup
 
 __all__ = ["camera"]
 
 _SUSPICIOUS = 2.0  # bootstrap over analytic uncertainty
-_ENOUGH_IMAGES = 8  # for the bootstrap to mean anything
+_ENOUGH_SOURCES = 8  # files, for the bootstrap to mean anything
 _ENOUGH_REACH = 0.7  # of the sensor
 
 
@@ -151,8 +151,8 @@ def camera(
     \b
     Example: glint-aoa calibrate camera board-*.png --board chessboard:9x6:30mm -s glint-aoa.toml
     """
-    from calibration.boards import Board, BoardImage, find_board
-    from calibration.camera import Provenance, calibrate_camera
+    from calibration.camera.boards import Board, BoardImage, find_board
+    from calibration.camera.calibrate import Provenance, calibrate_camera
     from calibration.photographs import photographs
     from glint_aoa.records._files import make_folder
     from glint_aoa.report.camera_figures import camera_figure
@@ -328,8 +328,8 @@ def _advise_setup(settings: "Setup | None", setup: Path | None, out: Path) -> No
 def _warn(fitted: "CameraCalibration", picture: Path) -> None:
     """Say on stderr what makes the calibration worse than its numbers look."""
     bootstrap = fitted.bootstrap_std
-    n_used = sum(image.used for image in fitted.images)
-    if bootstrap is not None and n_used >= _ENOUGH_IMAGES:
+    n_sources = len({image.source for image in fitted.images if image.used})
+    if bootstrap is not None and n_sources >= _ENOUGH_SOURCES:
         ratio = float((bootstrap / fitted.std).max())
         if ratio > _SUSPICIOUS:
             typer.echo(

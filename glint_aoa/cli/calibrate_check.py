@@ -21,8 +21,8 @@ from glint_aoa.cli._common import (
 )
 
 if TYPE_CHECKING:
-    from calibration.drift import Change, Drift, Hypothesis
-    from calibration.sweep import PitchSweep
+    from calibration.drift.check import Change, Drift, Hypothesis
+    from calibration.sweep.fit import PitchSweep
     from glint_aoa.setup import Setup
 
 __all__ = ["check"]
@@ -83,7 +83,7 @@ def check(
 
 
 def _load(path: Path | None, settings: "Setup", setup: Path) -> "PitchSweep":
-    from calibration.sweep import PitchSweep
+    from calibration.sweep.fit import PitchSweep
     from glint_aoa.errors import SetupError
 
     path = path or settings.sweep_path

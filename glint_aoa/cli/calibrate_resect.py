@@ -20,8 +20,8 @@ from glint_aoa.cli._common import (
 from glint_aoa.errors import InputError, OutputError
 
 if TYPE_CHECKING:
-    from calibration.resection import SpaceResection
-    from calibration.target_field import ImageTargets, TargetField
+    from calibration.resection.resect import SpaceResection
+    from calibration.resection.target_field import ImageTargets, TargetField
     from glint_aoa.setup import Setup
 
 __all__ = ["resect"]
@@ -128,9 +128,9 @@ def resect(
     \b
     Example: glint-aoa calibrate resect targets.csv --measured image.csv --setup glint-aoa.toml
     """
-    from calibration.resection import ResectionProvenance
-    from calibration.resection import resect as resection_of
-    from calibration.target_field import read_target_field
+    from calibration.resection.resect import ResectionProvenance
+    from calibration.resection.resect import resect as resection_of
+    from calibration.resection.target_field import read_target_field
     from glint_aoa.records._files import make_folder
     from glint_aoa.report.figures import save_figure
     from glint_aoa.report.resection_figures import resection_figure
@@ -215,8 +215,8 @@ def _seen(
 ) -> tuple["ImageTargets", list[str]]:
     """Return the image measurements, and what is to be said of them."""
     from calibration.photographs import photographs
-    from calibration.target_field import read_image_targets
-    from calibration.target_image import measure_target_field
+    from calibration.resection.target_field import read_image_targets
+    from calibration.resection.target_image import measure_target_field
 
     if measured is not None:
         return read_image_targets(measured), []

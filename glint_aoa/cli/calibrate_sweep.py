@@ -22,7 +22,7 @@ from glint_aoa.cli._common import (
 )
 
 if TYPE_CHECKING:
-    from calibration.sweep import Hysteresis, PitchSweep, SweepCurve
+    from calibration.sweep.fit import Hysteresis, PitchSweep, SweepCurve
 
 __all__ = ["sweep"]
 

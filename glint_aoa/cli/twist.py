@@ -26,9 +26,9 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from calibration.twist import StationTwist, WingTwist
-    from calibration.wing_sighting import Sightings
-    from calibration.wing_targets import WingTargets
+    from calibration.twist.measure import StationTwist, WingTwist
+    from calibration.twist.sighting import Sightings
+    from calibration.twist.wing_targets import WingTargets
     from glint_aoa.setup import Setup
 
 __all__ = ["twist"]
@@ -112,8 +112,8 @@ def twist(
     \b
     Example: glint-aoa twist wind-off.h5 wind-on.h5 --targets targets.csv --reference body
     """
-    from calibration.twist import measure_twist
-    from calibration.wing_targets import read_wing_targets
+    from calibration.twist.measure import measure_twist
+    from calibration.twist.wing_targets import read_wing_targets
     from glint_aoa.records._files import make_folder
     from glint_aoa.records.tables import write_csv
     from glint_aoa.report.figures import save_figure
@@ -176,7 +176,7 @@ def _sighted(
 ) -> "Sightings":
     """Measure the targets of one file, each field of a recording by itself."""
     from calibration.photographs import photographs
-    from calibration.wing_sighting import sight_targets
+    from calibration.twist.sighting import sight_targets
 
     pictures = photographs(
         [path],

@@ -8,7 +8,7 @@ import typer
 from glint_aoa.cli._common import Json, Overwrite, bar, check_folder, check_new_files, print_json
 
 if TYPE_CHECKING:
-    from calibration.budget import UncertaintyBudget
+    from calibration.budget.uncertainty import UncertaintyBudget
 
 __all__ = ["uncertainty"]
 
@@ -73,7 +73,7 @@ def uncertainty(
     \b
     Example: glint-aoa uncertainty glint-aoa.toml --angles -6,0,6 --out budget
     """
-    from calibration.budget import uncertainty_budget
+    from calibration.budget.uncertainty import uncertainty_budget
     from glint_aoa.process import load_sweep
     from glint_aoa.setup import load_setup
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
-from calibration.budget import AngleBudget, UncertaintyBudget
+from calibration.budget.uncertainty import AngleBudget, UncertaintyBudget
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,7 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from calibration.budget import AngleBudget, BudgetRow, UncertaintyBudget
+from calibration.budget.uncertainty import AngleBudget, BudgetRow, UncertaintyBudget
 from glint_aoa.records._files import replacing
 from glint_aoa.records.tables import write_csv
 

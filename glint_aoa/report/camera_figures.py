@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from calibration.camera import CameraCalibration, ImageFit
+from calibration.camera.calibrate import CameraCalibration, ImageFit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,8 +30,8 @@ def camera_figure(calibration: CameraCalibration) -> Figure:
     Parameters
     ----------
     calibration : CameraCalibration
-        As `calibration.camera.calibrate_camera` returns it; one that was read from its file has
-        no residuals to draw.
+        From `calibration.camera.calibrate.calibrate_camera`; one that was read from its file has no
+        residuals to draw.
 
     Returns
     -------

@@ -9,7 +9,7 @@ from matplotlib.patches import Ellipse
 from numpy.typing import NDArray
 from scipy import stats
 
-from calibration.resection import ResectedTarget, SpaceResection
+from calibration.resection.resect import ResectedTarget, SpaceResection
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from calibration.drift import Drift
-from calibration.sweep import PitchSweep, SweepCurve, SweepPoint
+from calibration.drift.check import Drift
+from calibration.sweep.fit import PitchSweep, SweepCurve, SweepPoint
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -63,7 +63,7 @@ def drift_figure(drift: Drift) -> Figure:
     Parameters
     ----------
     drift : Drift
-        From `calibration.drift.check_drift`.
+        From `calibration.drift.check.check_drift`.
 
     Returns
     -------

@@ -6,7 +6,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from calibration.twist import WingTwist
+from calibration.twist.measure import WingTwist
 
 __all__ = ["twist_figure"]
 

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from calibration.twist import WingTwist
+from calibration.twist.measure import WingTwist
 
 __all__ = ["station_columns", "target_columns", "twist_values"]
 

@@ -1,1 +1,0 @@
-"""The parts of the uncertainty budget; `calibration.budget` is what others use."""

@@ -1,0 +1,1 @@
+"""Calibration of the camera from pictures of a board."""

@@ -1,0 +1,1 @@
+"""Whether a calibration still holds, and what has moved if it does not."""

@@ -1,0 +1,1 @@
+"""Space resection: the camera's pose from targets of known place."""

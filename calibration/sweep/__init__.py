@@ -1,0 +1,1 @@
+"""The no-flow pitch sweep: optical against onboard angle."""

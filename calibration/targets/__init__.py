@@ -1,0 +1,1 @@
+"""Circular targets: their tables, and where they are in an image."""

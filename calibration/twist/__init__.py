@@ -1,0 +1,1 @@
+"""Wing twist from targets in planes of known Y."""
