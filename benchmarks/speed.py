@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -10,9 +9,9 @@ from numpy.typing import NDArray
 
 from benchmarks.rivals import RIVALS
 from benchmarks.scene import COLUMNS, ESTIMATORS, PITCH, Scene, prepared, table_row
-from glint_aoa.optical.measure import Measurement, measure_fields
+from glint_aoa.optical.measure import Measurement, measure_prepared
+from glint_aoa.records.fields import FieldInfo, FieldStack
 
-_BLOCK = 100  # fields
 _FIELDS = 2000
 _FIELDS_SLOW = 400
 _REPEATS = 3
@@ -39,16 +38,8 @@ def measured_deg(
     fields: NDArray[np.uint8], how: Measurement, threads: int = 1
 ) -> NDArray[np.float64]:
     """Return the angle of each field [deg], blocks of fields measured in threads."""
-    starts = range(0, len(fields), _BLOCK)
-
-    def block(start: int) -> NDArray[np.float64]:
-        few = fields[start : start + _BLOCK]
-        return measure_fields(few, start + np.arange(len(few)), how).angle
-
-    if threads == 1:
-        return np.degrees(np.concatenate([block(start) for start in starts]))
-    with ThreadPoolExecutor(threads) as pool:
-        return np.degrees(np.concatenate(list(pool.map(block, starts))))
+    stack = FieldStack.from_array(fields, FieldInfo(rate_hz=60.0))
+    return np.degrees(measure_prepared(stack, how, threads=threads).angle)
 
 
 def rival_deg(

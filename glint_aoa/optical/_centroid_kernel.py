@@ -7,7 +7,7 @@ import numpy as np
 
 from glint_aoa.optical._locate_kernel import coarse_rows
 from glint_aoa.optical._locate_kernel import scratch_for as search_scratch_for
-from glint_aoa.optical._strip_kernel import cut_strip, strip_base, strip_width
+from glint_aoa.optical._strip_kernel import are_apart, cut_strip, strip_base, strip_width
 from glint_aoa.optical._summary_kernel import scratch_for as summary_scratch_for
 from glint_aoa.optical._summary_kernel import summarise_field
 
@@ -185,7 +185,16 @@ def _tops(strip, n, centre, half, top):
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _brightest(grey):
+def _brightest(field, columns, base, grey, whole):
+    """Return the largest grey level in the strip, or in all columns of its rows."""
+    if not (whole and are_apart(columns)):  # where `grey` is not filled
+        first, last = max(base.min(), 0), base.max() + grey.shape[0]
+        return _largest(field[first:last].reshape(-1))
+    return _largest(grey.reshape(-1))
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _largest(grey):
     top = grey.dtype.type(0)
     for i in range(grey.size):
         top = max(top, grey[i])
@@ -297,8 +306,7 @@ def centres_of_field(field, columns, start, settings, scratch, row, height, cut,
     farthest, least = reach + half, 0.5 * threshold * width
     _judge(c, volume, base, begun, half, field.shape[0], farthest, least, row, cut, step)
     clipped[:] = False
-    first, last = max(base[: start.size].min(), 0), base[: start.size].max() + strip.shape[0]
-    if _brightest(field[first:last].reshape(-1)) >= saturation:
+    if _brightest(field, columns, base[: start.size], grey, whole) >= saturation:
         _tops(strip, n, c, half, low)
         for i in range(start.size):
             clipped[i] = step[i] > 0 and low[i] >= saturation

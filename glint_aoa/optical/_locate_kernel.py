@@ -15,7 +15,7 @@ import numpy as np
 
 from glint_aoa.optical._line_kernel import plain_line, total
 
-_PADDING = 64  # patches to which a row of boxes is padded
+_PADDING = 32  # patches to which a row of boxes is padded
 
 _AGREE = 2.0  # lines between a patch's peak and the coarse line, besides half the box
 _ENOUGH = 0.8  # of the bright patches on the first coarse line end the search

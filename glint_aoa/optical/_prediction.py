@@ -15,7 +15,7 @@ _ROUNDS = 6
 _SIGMAS, _LEAST = 8.0, 1.5  # prediction errors [std, lines] beyond which a line has moved
 _PATIENCE = 8  # fields that may lie off in a row before they count as the new place
 _RIDGE = 1e-9
-_ENOUGH = 4000  # predictions settle the coefficients
+_ENOUGH = 1000  # predictions settle the coefficients
 _LEAST_FIELDS = 8
 
 

@@ -26,6 +26,7 @@ __all__ = [
     "Measurement",
     "fit_fields",
     "measure_fields",
+    "measure_prepared",
     "measure_stack",
     "prepare",
 ]
@@ -94,12 +95,41 @@ def measure_stack(
     threads: int | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> tuple[FieldAngles, Measurement]:
-    """Measure a whole stack, block by block, and check its fields against each other.
+    """Learn from a stack how it is to be measured, and measure it.
 
     Parameters
     ----------
     stack, setup, recording
         As for `prepare`.
+    threads, progress
+        As for `measure_prepared`.
+
+    Returns
+    -------
+    FieldAngles
+        One entry a field, in order.
+    Measurement
+        What was learnt from the sample.
+    """
+    measurement = prepare(stack, setup, recording)
+    return measure_prepared(stack, measurement, threads=threads, progress=progress), measurement
+
+
+def measure_prepared(
+    stack: FieldStack,
+    measurement: Measurement,
+    *,
+    threads: int | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> FieldAngles:
+    """Measure a whole stack, block by block, and check its fields against each other.
+
+    Parameters
+    ----------
+    stack : FieldStack
+        The fields.
+    measurement : Measurement
+        From `prepare`, of this stack or one like it.
     threads : int, optional
         Blocks that are measured at the same time; as many as there are processors if not given.
         The result does not depend on it.
@@ -110,10 +140,7 @@ def measure_stack(
     -------
     FieldAngles
         One entry a field, in order.
-    Measurement
-        What was learnt from the sample.
     """
-    measurement = prepare(stack, setup, recording)
     parts = []
     for part in _in_threads(stack, measurement, threads or os.cpu_count() or 1):
         parts.append(part)
@@ -128,7 +155,7 @@ def measure_stack(
     if measurement.mark is not None:
         moved = moved_fields(lines.mark_shift, measurement.mark)
         seen |= np.where(moved, int(Flag.CAMERA_MOVED), 0)
-    return replace(angles, flags=angles.flags | seen), measurement
+    return replace(angles, flags=angles.flags | seen)
 
 
 def _in_threads(
