@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glint_aoa.optical.coarse import search_settings
-from glint_aoa.optical.estimator import ColumnCentres, Sample
+from glint_aoa.optical.estimator import ColumnCentres, Estimator, Sample
 from glint_aoa.optical.noise import NoiseModel
 from glint_aoa.optical.shape import GlintShape
 from glint_aoa.optical.summary import FieldSummary, Summariser, room_for
@@ -18,7 +18,7 @@ _REACH = 2.0  # lines that a centre may lie from its start, at least
 
 
 @dataclass(frozen=True)
-class Centroid:
+class Centroid(Estimator):
     r"""Centroid in a soft window that settles on its own centre c, where
 
     .. math:: \sum_v w(v - c) (v - c) (I_v - B_v) = 0, \quad w(t) = (1 - (t / h)^2)^2
@@ -80,18 +80,7 @@ class Centroid:
         first_line: NDArray[np.float64],
         summariser: Summariser,
     ) -> FieldSummary:
-        """Find the line in each field, measure its centres and sum them up, in one pass.
-
-        Parameters
-        ----------
-        fields, columns, first_line, summariser
-            As for `glint_aoa.optical.estimator.Estimator`.
-
-        Returns
-        -------
-        FieldSummary
-            What the columns come to.
-        """
+        """Do all of it in one pass."""
         from glint_aoa.optical import _centroid_kernel as kernel  # noqa: PLC0415  compiles
 
         fields = np.ascontiguousarray(fields)

@@ -1,13 +1,16 @@
 """What every estimator of the columns' centres takes and gives."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Protocol, Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from glint_aoa.optical.coarse import find_lines
 from glint_aoa.optical.columns import spread_columns
+from glint_aoa.optical.shape import GlintShape
 
 if TYPE_CHECKING:
     from glint_aoa.optical.summary import FieldSummary, Summariser
@@ -71,20 +74,30 @@ class Sample:
         return type(self)(self.fields, self.columns[kept], self.row[:, kept])
 
 
-class Estimator(Protocol):
+class Estimator(ABC):
     """Measures the centre of the glint in each column, starting from the coarse line.
 
     Each estimator's file offers ``learn(sample, shape, noise)``, which returns one.
+
+    Attributes
+    ----------
+    shape : GlintShape
+        What is known of the glint.
     """
 
+    shape: GlintShape
+
     @property
+    @abstractmethod
     def name(self) -> str:
         """Name in the setup."""
 
     @property
+    @abstractmethod
     def settings(self) -> Mapping[str, object]:
         """Figures behind the estimator, for the record's attributes."""
 
+    @abstractmethod
     def centres(
         self,
         fields: NDArray[np.integer],
@@ -101,6 +114,11 @@ class Estimator(Protocol):
             Columns to measure, 0-based in the recorded window.
         start : ndarray, shape (field, column)
             Row at which the line is expected, good to a line or two; NaN where there is none.
+
+        Returns
+        -------
+        ColumnCentres
+            The centres.
         """
 
     def summary(
@@ -122,4 +140,11 @@ class Estimator(Protocol):
             Sensor line of the window's row 0 in each field [pixels].
         summariser : Summariser
             From the columns' centres to the field's line.
+
+        Returns
+        -------
+        FieldSummary
+            What the columns come to.
         """
+        start = find_lines(fields, self.shape).rows(columns, self.shape)
+        return summariser(self.centres(fields, columns, start), first_line)

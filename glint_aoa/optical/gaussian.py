@@ -8,12 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glint_aoa.optical.bar import ColumnBars, fit_bars
-from glint_aoa.optical.coarse import find_lines
-from glint_aoa.optical.estimator import ColumnCentres, Sample
+from glint_aoa.optical.estimator import ColumnCentres, Estimator, Sample
 from glint_aoa.optical.noise import NoiseModel
 from glint_aoa.optical.pooling import over_fields, shrunk
 from glint_aoa.optical.shape import GlintShape
-from glint_aoa.optical.summary import FieldSummary, Summariser
 
 __all__ = ["GaussianEstimator", "learn"]
 
@@ -28,7 +26,7 @@ _SETTLED = 1e-4  # of the width
 
 
 @dataclass(frozen=True, eq=False)
-class GaussianEstimator:
+class GaussianEstimator(Estimator):
     r"""Fits a Gaussian, integrated over each pixel, to every column; made by `learn`.
 
     The expected grey level of line v in a column is
@@ -140,28 +138,6 @@ class GaussianEstimator:
         )
         row -= np.interp(columns, self.columns, self.bias)
         return ColumnCentres(row=row, height=height, cut=status == CUT, clipped=clipped)
-
-    def summary(
-        self,
-        fields: NDArray[np.integer],
-        columns: NDArray[np.int64],
-        first_line: NDArray[np.float64],
-        summariser: Summariser,
-    ) -> FieldSummary:
-        """Find the line in each field, measure its centres and sum them up.
-
-        Parameters
-        ----------
-        fields, columns, first_line, summariser
-            As for `glint_aoa.optical.estimator.Estimator`.
-
-        Returns
-        -------
-        FieldSummary
-            What the columns come to.
-        """
-        start = find_lines(fields, self.shape).rows(columns, self.shape)
-        return summariser(self.centres(fields, columns, start), first_line)
 
     @property
     def _learnt(self) -> tuple[_Array, ...]:

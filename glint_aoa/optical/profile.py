@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glint_aoa.optical.coarse import search_settings
-from glint_aoa.optical.estimator import ColumnCentres, Sample
+from glint_aoa.optical.estimator import ColumnCentres, Estimator, Sample
 from glint_aoa.optical.line_profile import LineProfile, background_shapes, learn_profile
 from glint_aoa.optical.noise import NoiseModel
 from glint_aoa.optical.shape import GlintShape
@@ -25,7 +25,7 @@ _CORE = 0.6  # of the half width must lie within the window
 
 
 @dataclass(frozen=True)
-class ProfileMatch:
+class ProfileMatch(Estimator):
     """Matches the profile to columns; made by `learn`."""
 
     profile: LineProfile
@@ -94,18 +94,7 @@ class ProfileMatch:
         first_line: NDArray[np.float64],
         summariser: Summariser,
     ) -> FieldSummary:
-        """Find the line in each field, measure its centres and sum them up, in one pass.
-
-        Parameters
-        ----------
-        fields, columns, first_line, summariser
-            As for `glint_aoa.optical.estimator.Estimator`.
-
-        Returns
-        -------
-        FieldSummary
-            What the columns come to.
-        """
+        """Do all of it in one pass."""
         from glint_aoa.optical import _profile_kernel as kernel  # noqa: PLC0415  compiles
 
         fields = np.ascontiguousarray(fields)

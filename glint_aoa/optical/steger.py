@@ -8,12 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glint_aoa.optical.bar import AsymmetricBar, fit_bars
-from glint_aoa.optical.coarse import find_lines
-from glint_aoa.optical.estimator import ColumnCentres, Sample
+from glint_aoa.optical.estimator import ColumnCentres, Estimator, Sample
 from glint_aoa.optical.noise import NoiseModel
 from glint_aoa.optical.pooling import shrunk
 from glint_aoa.optical.shape import GlintShape
-from glint_aoa.optical.summary import FieldSummary, Summariser
 
 __all__ = ["StegerEstimator", "learn", "line_taps"]
 
@@ -26,7 +24,7 @@ _DIRECTION_REACH = 2.0  # scales: the least that tells the line's direction
 
 
 @dataclass(frozen=True, eq=False)
-class StegerEstimator:
+class StegerEstimator(Estimator):
     r"""Finds the points of a curvilinear line; made by `learn`.
 
     The field r is filtered with a Gaussian and its partial derivatives. The Hessian's eigenvector
@@ -139,28 +137,6 @@ class StegerEstimator:
         )
         row -= np.interp(columns, self.columns, self.bias)
         return ColumnCentres(row=row, height=height, cut=status == CUT, clipped=clipped)
-
-    def summary(
-        self,
-        fields: NDArray[np.integer],
-        columns: NDArray[np.int64],
-        first_line: NDArray[np.float64],
-        summariser: Summariser,
-    ) -> FieldSummary:
-        """Find the line in each field, measure its centres and sum them up.
-
-        Parameters
-        ----------
-        fields, columns, first_line, summariser
-            As for `glint_aoa.optical.estimator.Estimator`.
-
-        Returns
-        -------
-        FieldSummary
-            What the columns come to.
-        """
-        start = find_lines(fields, self.shape).rows(columns, self.shape)
-        return summariser(self.centres(fields, columns, start), first_line)
 
     def _reach(self, columns: NDArray[np.int64], n_columns: int) -> NDArray[np.int64]:
         """Columns on each side that the filter along the line may take."""
