@@ -233,7 +233,7 @@ def match_field(field, columns, start, settings, scratch, row, height, cut, clip
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def match_columns(fields, columns, start, settings, row, height, cut, clipped):
+def column_centres(fields, columns, start, settings, row, height, cut, clipped):
     """Fill what `match_field` does for a block [field, column]."""
     scratch = scratch_for(settings)
     for k in range(fields.shape[0]):

@@ -2,17 +2,17 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from glint_aoa.optical.coarse import search_settings
-from glint_aoa.optical.estimator import ColumnCentres, Estimator, Sample
+from glint_aoa.optical.estimator import Sample
+from glint_aoa.optical.fused import FusedEstimator
 from glint_aoa.optical.line_profile import LineProfile, background_shapes, learn_profile
 from glint_aoa.optical.noise import NoiseModel
 from glint_aoa.optical.shape import GlintShape
-from glint_aoa.optical.summary import FieldSummary, Summariser, room_for
 
 __all__ = ["ProfileMatch", "learn"]
 
@@ -25,8 +25,11 @@ _CORE = 0.6  # of the half width must lie within the window
 
 
 @dataclass(frozen=True)
-class ProfileMatch(Estimator):
-    """Matches the profile to columns; made by `learn`."""
+class ProfileMatch(FusedEstimator):
+    """Matches the profile to columns; made by `learn`.
+
+    The height is that of the profile's top over the background.
+    """
 
     profile: LineProfile
     noise: NoiseModel
@@ -61,49 +64,11 @@ class ProfileMatch(Estimator):
         np.divide(pull, height, out=drawn, where=height > 0)
         return drawn
 
-    def centres(
-        self,
-        fields: NDArray[np.integer],
-        columns: NDArray[np.int64],
-        start: NDArray[np.float64],
-    ) -> ColumnCentres:
-        """Match the profile to every column.
+    @property
+    def _kernel(self) -> ModuleType:
+        from glint_aoa.optical import _profile_kernel  # noqa: PLC0415  compiles
 
-        Parameters
-        ----------
-        fields, columns, start
-            As for `glint_aoa.optical.estimator.Estimator`.
-
-        Returns
-        -------
-        ColumnCentres
-            The height is that of the profile's top over the background.
-        """
-        from glint_aoa.optical import _profile_kernel as kernel  # noqa: PLC0415  compiles
-
-        size = (len(fields), columns.size)
-        row, height = np.empty(size), np.empty(size)
-        cut, clipped = np.empty(size, np.bool_), np.empty(size, np.bool_)
-        kernel.match_columns(fields, columns, start, self._settings, row, height, cut, clipped)
-        return ColumnCentres(row=row, height=height, cut=cut, clipped=clipped)
-
-    def summary(
-        self,
-        fields: NDArray[np.integer],
-        columns: NDArray[np.int64],
-        first_line: NDArray[np.float64],
-        summariser: Summariser,
-    ) -> FieldSummary:
-        """Do all of it in one pass."""
-        from glint_aoa.optical import _profile_kernel as kernel  # noqa: PLC0415  compiles
-
-        fields = np.ascontiguousarray(fields)
-        search = search_settings(fields, self.shape)
-        room = room_for(len(fields))
-        kernel.measure_fields(
-            fields, columns, search, self._settings, first_line, summariser.settings, *room
-        )
-        return FieldSummary.of_figures(*room)
+        return _profile_kernel
 
     @property
     def _settings(self) -> tuple[Any, ...]:
