@@ -26,14 +26,14 @@ from glint_aoa.records.acquisition import AcquisitionRecord
 from glint_aoa.records.points import RecordedPoint, write_point
 from glint_aoa.units import convert
 from render_sim.acquisition import Acquisition, Recording, acquire
-from render_sim.campaign_file import Campaign, Point, load_campaign
+from render_sim.campaign_file import Campaign, Point, load_campaign, scene_of
 from render_sim.excitation import Tones, peak_to_peak
 from render_sim.film import film
 from render_sim.modal_motion import ModalMotion
 from render_sim.modes import Plane, balance_moment, modal_angles
 from render_sim.motion import Motion, StaticMotion
 from render_sim.renderer import Renderer, make_renderer
-from render_sim.scene import Scene, paper_scene
+from render_sim.scene import Scene
 
 __all__ = [
     "Campaign",
@@ -96,7 +96,7 @@ def point_motion(
     campaign: Campaign, point: Point, *, scene: Scene | None = None, seed: int = 0
 ) -> PointMotion:
     """Return how the model moves at a point, its shaker force scaled to the point's level."""
-    scene, model = scene or paper_scene(), campaign.model
+    scene, model = scene or scene_of(campaign), campaign.model
     static = StaticMotion(scene, _static_pitch(campaign, point, seed))
     series = point.series
     if series is None:
@@ -146,7 +146,7 @@ def simulate_point(
     renderer : Renderer
         Of `scene`.
     scene : Scene, optional
-        The test section; the paper's by default.
+        The test section; the campaign's by default.
     seed : int
         Seed of the whole campaign.
 
@@ -155,7 +155,7 @@ def simulate_point(
     RecordedPoint
         Fields, 28 channels, truth and description, on one trigger.
     """
-    scene = scene or paper_scene()
+    scene = scene or scene_of(campaign)
     moved = point_motion(campaign, point, scene=scene, seed=seed)
     filmed = film(
         scene,
@@ -229,7 +229,7 @@ def simulate_campaign(
     jobs : int
         How many processes share the points.
     scene : Scene, optional
-        The test section; the paper's by default.
+        The test section; the campaign's by default.
     overwrite : bool
         Whether files of these names may be replaced.
 
@@ -247,7 +247,7 @@ def simulate_campaign(
         If the renderer asked for does not work here.
     """
     out_dir = _out_dir(Path(out_dir), campaign, overwrite=overwrite)
-    scene = scene or paper_scene()
+    scene = scene or scene_of(campaign)
     _renderer(scene, renderer)
     write = partial(
         _write,

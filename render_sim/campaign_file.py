@@ -8,6 +8,7 @@ import datetime
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Annotated, Literal, Self
@@ -19,8 +20,9 @@ from glint_aoa.errors import SetupError
 from glint_aoa.setup import Section, load_section, positive, quantity
 from render_sim.excitation import Tones, modulated_sine, random_band, sine
 from render_sim.modes import ModelSystem, Plane, paper_model_system
+from render_sim.scene import Scene, load_scene, paper_scene
 
-__all__ = ["Campaign", "Drift", "Point", "Run", "Series", "Sweep", "load_campaign"]
+__all__ = ["Campaign", "Drift", "Point", "Run", "Series", "Sweep", "load_campaign", "scene_of"]
 
 _Radians = Annotated[float, quantity("rad"), Field(allow_inf_nan=False)]
 _Spread = Annotated[float, quantity("rad"), Field(ge=0, allow_inf_nan=False)]
@@ -144,6 +146,9 @@ class Campaign(Section):
     model: ModelSystem = Field(
         default_factory=paper_model_system, description="the model system; the paper's by default"
     )
+    scene: Path | None = Field(
+        None, description="scene file, relative to this one; the paper's if not given"
+    )
     sweep: tuple[Sweep, ...] = Field((), description="pitch sweeps, taken first")
     run: tuple[Run, ...] = Field((), description="the runs")
 
@@ -208,4 +213,13 @@ def load_campaign(campaign: str | Path) -> Campaign:
     path = Path(campaign)
     if not path.suffix and not path.exists():
         raise SetupError(f"no campaign is called {campaign}; choose paper, demo or a TOML file")
-    return load_section(path, Campaign)
+    loaded = load_section(path, Campaign)
+    if loaded.scene is None:
+        return loaded
+    return loaded.model_copy(update={"scene": path.parent / loaded.scene})
+
+
+@lru_cache(maxsize=4)
+def scene_of(campaign: Campaign) -> Scene:
+    """Return the campaign's test section; raise SetupError if its file cannot be used."""
+    return paper_scene() if campaign.scene is None else load_scene(campaign.scene)

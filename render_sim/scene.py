@@ -2,20 +2,36 @@
 
 Everything is SI and radians in the frames of the project: tunnel X to the right in the image, Y
 away from the camera, Z up; model x forward to the nose, z up, its origin at the balance moment
-centre.
+centre. A scene file holds the same as TOML, quantities with their units: the keys are the names of
+the attributes, without the unit that these may end in.
 """
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
+from importlib.resources import as_file, files
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
-from glint_aoa.setup import Camera, Fields
+from pydantic import ConfigDict, Field
 
-__all__ = ["Body", "Lamp", "Optics", "Scene", "Sensor", "Surface", "paper_scene"]
+from glint_aoa.setup import Camera, Fields, load_section
+from glint_aoa.setup.section import Metres, Number, PositiveCount, PositiveMetres
+
+__all__ = ["Body", "Lamp", "Optics", "Scene", "Sensor", "Surface", "load_scene", "paper_scene"]
+
+_NotNegative = Annotated[Number, Field(ge=0)]
+_Positive = Annotated[Number, Field(gt=0)]
+_Place = tuple[Metres, Metres, Metres]
+
+
+class _Keys:
+    """A part of a scene file; keys that it does not know are errors."""
+
+    __pydantic_config__ = ConfigDict(extra="forbid")
 
 
 @dataclass(frozen=True)
-class Body:
+class Body(_Keys):
     """The fuselage: a tangent-ogive nose on a cylinder about the model's x axis, or a mesh file.
 
     Attributes
@@ -29,15 +45,15 @@ class Body:
         renderer that draws meshes.
     """
 
-    radius_m: float = 0.060
-    base_station_m: float = -0.45
-    shoulder_station_m: float = 1.0
-    nose_station_m: float = 1.25
+    radius_m: Annotated[PositiveMetres, Field(alias="radius")] = 0.060
+    base_station_m: Annotated[Metres, Field(alias="base_station")] = -0.45
+    shoulder_station_m: Annotated[Metres, Field(alias="shoulder_station")] = 1.0
+    nose_station_m: Annotated[Metres, Field(alias="nose_station")] = 1.25
     mesh: Path | None = None
 
 
 @dataclass(frozen=True)
-class Lamp:
+class Lamp(_Keys):
     """A long rectangular lamp parallel to tunnel X that shines straight down.
 
     Attributes
@@ -50,14 +66,14 @@ class Lamp:
         Radiance of its surface [arbitrary unit; the exposure is set by `Sensor.peak_level`].
     """
 
-    centre_m: tuple[float, float, float] = (0.0, -0.6, 1.5)
-    length_m: float = 3.0
-    width_m: float = 0.06
-    radiance: float = 1.0
+    centre_m: Annotated[_Place, Field(alias="centre")] = (0.0, -0.6, 1.5)
+    length_m: Annotated[PositiveMetres, Field(alias="length")] = 3.0
+    width_m: Annotated[PositiveMetres, Field(alias="width")] = 0.06
+    radiance: _Positive = 1.0
 
 
 @dataclass(frozen=True)
-class Surface:
+class Surface(_Keys):
     """How the body reflects, and what surrounds it.
 
     Attributes
@@ -74,15 +90,15 @@ class Surface:
         Radiance of the far tunnel wall, seen past the body [as `Lamp.radiance`].
     """
 
-    roughness: float = 0.040
-    specular: float = 0.6
-    diffuse: float = 0.22
-    ambient: float = 0.05
-    wall: float = 0.006
+    roughness: _Positive = 0.040
+    specular: _NotNegative = 0.6
+    diffuse: _NotNegative = 0.22
+    ambient: _NotNegative = 0.05
+    wall: _NotNegative = 0.006
 
 
 @dataclass(frozen=True)
-class Optics:
+class Optics(_Keys):
     """The lens.
 
     Attributes
@@ -91,11 +107,11 @@ class Optics:
         Standard deviation of the Gaussian point spread across the lines [field lines].
     """
 
-    blur_lines: float = 0.5
+    blur_lines: _NotNegative = 0.5
 
 
 @dataclass(frozen=True)
-class Sensor:
+class Sensor(_Keys):
     """The recorded window and how the sensor turns light into grey levels.
 
     Attributes
@@ -114,13 +130,13 @@ class Sensor:
         Bits of a grey level, 8 to 16.
     """
 
-    rows: int = 92
-    columns: int = 752
-    peak_level: float = 170.0
-    black_level: float = 10.0
-    full_well_e: float = 40_000.0
-    read_noise: float = 0.7
-    bits: int = 8
+    rows: PositiveCount = 92
+    columns: PositiveCount = 752
+    peak_level: _Positive = 170.0
+    black_level: _NotNegative = 10.0
+    full_well_e: _Positive = 40_000.0
+    read_noise: _NotNegative = 0.7
+    bits: Annotated[PositiveCount, Field(ge=8, le=16)] = 8
 
     @property
     def top_level(self) -> int:
@@ -129,7 +145,7 @@ class Sensor:
 
 
 @dataclass(frozen=True)
-class Scene:
+class Scene(_Keys):
     """A whole test section.
 
     Attributes
@@ -158,9 +174,9 @@ class Scene:
     optics: Optics = Optics()
     sensor: Sensor = Sensor()
     nose: Literal["left", "right"] = "left"
-    view_station_m: float = 0.45
-    package_station_m: float = 0.9
-    glint_y_m: float = -0.049
+    view_station_m: Annotated[Metres, Field(alias="view_station")] = 0.45
+    package_station_m: Annotated[Metres, Field(alias="package_station")] = 0.9
+    glint_y_m: Annotated[Metres, Field(alias="glint_y")] = -0.049
 
     def with_window(self, first_line: int, rows: int) -> "Scene":
         """Return the scene recorded through a window of `rows` lines from `first_line` on."""
@@ -171,30 +187,17 @@ class Scene:
         )
 
 
-def paper_scene() -> Scene:
-    """Return the scene of the paper: 752 x 240 interlaced camera at 56 in, 92-line window.
+def load_scene(path: Path) -> Scene:
+    """Read a scene file; raise SetupError if it cannot be used."""
+    scene = load_section(path, Scene)
+    mesh = scene.body.mesh
+    return (
+        scene if mesh is None else replace(scene, body=replace(scene.body, mesh=path.parent / mesh))
+    )
 
-    The body's radius (60 mm) and the lamp (1.5 m above the axis, 0.6 m towards the camera) are not
-    in the paper; they put the glint on the shoulder of the fuselage, in the middle of the window.
-    A pitch of 5.000 deg shows as a line at 4.942 deg.
-    """
-    camera = Camera.model_validate(
-        {
-            "focal_length": "35 mm",
-            "pixel_pitch": ["11.7 um", "27.5 um"],
-            "sensor": [752, 240],
-            "principal_point": [375.5, 119.5],
-            "position": ["0 m", "-56 in", "60 mm"],
-        }
-    )
-    fields = Fields.model_validate(
-        {
-            "rate": "60 Hz",
-            "exposure": "1 ms",
-            "first_line": 98,
-            "first_column": 0,
-            "interlaced": True,
-            "first_parity": "even",
-        }
-    )
-    return Scene(camera=camera, fields=fields)
+
+@lru_cache(maxsize=1)
+def paper_scene() -> Scene:
+    """Return the scene of the paper: 752 x 240 interlaced camera at 56 in, 92-line window."""
+    with as_file(files("render_sim") / "data" / "scene.toml") as path:
+        return load_scene(path)

@@ -1,13 +1,15 @@
 """A section of a file of settings: its kinds of values, and how it is read."""
 
+import dataclasses
 import difflib
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, TypeVar, get_args, get_type_hints
 
 import pydantic
-from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, TypeAdapter
+from pydantic.fields import FieldInfo
 
 from glint_aoa.errors import InputError, SetupError
 from glint_aoa.units import convert, parse_quantity
@@ -81,7 +83,7 @@ class Section(pydantic.BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-_S = TypeVar("_S", bound=Section)
+_S = TypeVar("_S")
 
 
 def load_section(path: Path, section: type[_S]) -> _S:
@@ -92,7 +94,7 @@ def load_section(path: Path, section: type[_S]) -> _S:
     path : Path
         The file.
     section : type
-        What it holds.
+        What it holds: a `Section`, or a dataclass of quantities whose keys are its fields' aliases.
 
     Returns
     -------
@@ -143,17 +145,20 @@ def read_toml(path: Path, *, missing: str, error: type[InputError] = SetupError)
 def validated(path: Path, content: dict[str, Any], section: type[_S]) -> _S:
     """Make a section of what a file holds; the first problem is named with file and key."""
     try:
-        return section.model_validate(content)
+        return TypeAdapter(section).validate_python(content)
     except pydantic.ValidationError as error:
         raise SetupError(f"{path}: {_first_problem(error, section)}") from None
 
 
-def _first_problem(error: pydantic.ValidationError, section: type[Section]) -> str:
+_UNKNOWN = {"extra_forbidden", "unexpected_keyword_argument"}
+
+
+def _first_problem(error: pydantic.ValidationError, section: type) -> str:
     problems = error.errors(include_url=False)
-    unknown = (each for each in problems if each["type"] == "extra_forbidden")
+    unknown = (each for each in problems if each["type"] in _UNKNOWN)
     problem = next(unknown, problems[0])
     where = _dotted(problem["loc"])
-    if problem["type"] == "extra_forbidden":
+    if problem["type"] in _UNKNOWN:
         *parents, key = problem["loc"]
         return f"unknown key {where}; {nearest(str(key), _section_at(parents, section))}"
     message = problem["msg"].removeprefix("Value error, ")
@@ -167,21 +172,37 @@ def _dotted(loc: tuple[int | str, ...]) -> str:
     return parts
 
 
-def _section_at(parents: list[int | str], section: type[Section]) -> type[Section]:
+def _section_at(parents: list[int | str], section: type) -> type:
     for name in (part for part in parents if isinstance(part, str)):
-        inner = _sections_in(section.model_fields[name].annotation)
+        inner = _sections_in(_keys(section)[name])
         section = inner[0] if inner else section
     return section
 
 
-def _sections_in(annotation: Any) -> list[type[Section]]:
-    if isinstance(annotation, type) and issubclass(annotation, Section):
+def _keys(section: Any) -> dict[str, Any]:
+    """Keys of a section in a file, and what each holds."""
+    if issubclass(section, Section):
+        return {name: each.annotation for name, each in section.model_fields.items()}
+    hints = get_type_hints(section, include_extras=True)
+    named = [(each.name, hints[each.name]) for each in dataclasses.fields(section)]
+    return {_alias(hint) or name: hint for name, hint in named}
+
+
+def _alias(hint: Any) -> str | None:
+    told = (each.alias for each in get_args(hint) if isinstance(each, FieldInfo))
+    return next(told, None)
+
+
+def _sections_in(annotation: Any) -> list[type]:
+    if isinstance(annotation, type) and (
+        issubclass(annotation, Section) or dataclasses.is_dataclass(annotation)
+    ):
         return [annotation]
-    return [each for part in getattr(annotation, "__args__", ()) for each in _sections_in(part)]
+    return [each for part in get_args(annotation) for each in _sections_in(part)]
 
 
-def nearest(key: str, section: type[Section]) -> str:
+def nearest(key: str, section: type) -> str:
     """Say which known key an unknown one may have been meant for."""
-    known = [name for name in section.model_fields if name != "folder"]
+    known = [name for name in _keys(section) if name != "folder"]
     close = difflib.get_close_matches(key, known, n=1)
     return f"did you mean {close[0]}?" if close else f"known keys here: {', '.join(known)}"
