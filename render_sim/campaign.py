@@ -6,6 +6,7 @@ the order nor the number of processes changes a single bit.
 
 import contextlib
 import datetime
+import hashlib
 import importlib.metadata
 import multiprocessing
 import signal
@@ -14,7 +15,7 @@ from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
-from itertools import starmap
+from itertools import chain, starmap
 from pathlib import Path
 from typing import Literal
 
@@ -23,6 +24,7 @@ import numpy as np
 from glint_aoa.errors import OutputError
 from glint_aoa.records._files import make_folder
 from glint_aoa.records.acquisition import AcquisitionRecord
+from glint_aoa.records.formats.hdf5 import open_hdf5
 from glint_aoa.records.points import RecordedPoint, write_point
 from glint_aoa.units import convert
 from render_sim.acquisition import Acquisition, Recording, acquire
@@ -171,12 +173,12 @@ def simulate_point(
         info=replace(filmed.info, trigger_time=trigger.isoformat()),
         acquisition=AcquisitionRecord(name=point.name, channels=acquired.channels),
         truth={**filmed.truth, **acquired.truth},
-        meta=_meta(campaign, point, seed=seed, renderer=renderer.name),
+        meta=_meta(campaign, point, scene=scene, seed=seed, renderer=renderer.name),
     )
 
 
 def _meta(
-    campaign: Campaign, point: Point, *, seed: int, renderer: str
+    campaign: Campaign, point: Point, *, scene: Scene, seed: int, renderer: str
 ) -> dict[str, str | float | int]:
     series = point.series
     return {
@@ -193,7 +195,15 @@ def _meta(
         "versions": _versions(),
         "seed": seed,
         "renderer": renderer,
+        "plan_hash": _plan_hash(campaign, scene),
     }
+
+
+@lru_cache(maxsize=4)
+def _plan_hash(campaign: Campaign, scene: Scene) -> str:
+    """Tell campaigns and scenes apart; where their files lie does not count."""
+    plan = campaign.model_dump_json(exclude={"scene"}) + repr(scene)
+    return hashlib.sha256(plan.encode()).hexdigest()[:16]
 
 
 def _versions() -> str:
@@ -213,6 +223,7 @@ def simulate_campaign(
     jobs: int = 1,
     scene: Scene | None = None,
     overwrite: bool = False,
+    resume: bool = False,
 ) -> Iterator[Path]:
     """Simulate a campaign and write each point as ``<point>.h5``.
 
@@ -232,23 +243,37 @@ def simulate_campaign(
         The test section; the campaign's by default.
     overwrite : bool
         Whether files of these names may be replaced.
+    resume : bool
+        Whether points that the folder holds already are left as they are.
 
     Returns
     -------
     iterator of Path
-        Each file in the campaign's order, as soon as it is whole. The points are simulated as
-        the iterator is run.
+        Each file in the campaign's order, as soon as it is whole; those that were there already
+        come first. The points are simulated as the iterator is run.
 
     Raises
     ------
     OutputError
-        At once if a file exists and `overwrite` is False, or the folder cannot be made.
+        At once if a file exists and `overwrite` is False, or the folder cannot be made; with
+        `resume` only if a file comes from another campaign, scene, seed or renderer.
     MissingLibraryError
         If the renderer asked for does not work here.
     """
-    out_dir = _out_dir(Path(out_dir), campaign, overwrite=overwrite)
     scene = scene or scene_of(campaign)
-    _renderer(scene, renderer)
+    name = _renderer(scene, renderer).name
+    out_dir = Path(out_dir)
+    make_folder(out_dir)
+    there = [point for point in campaign.points if (out_dir / f"{point.name}.h5").exists()]
+    if resume:
+        for point in there:
+            expected = _meta(campaign, point, scene=scene, seed=seed, renderer=name)
+            _check_origin(out_dir / f"{point.name}.h5", expected)
+    elif there and not overwrite:
+        raise OutputError(
+            f"{out_dir}: {there[0].name}.h5 exists already; choose another folder, resume or allow "
+            "overwriting"
+        )
     write = partial(
         _write,
         campaign,
@@ -258,7 +283,20 @@ def simulate_campaign(
         seed=seed,
         overwrite=overwrite,
     )
-    return _written(write, campaign.points, jobs)
+    kept = there if resume else []
+    left = tuple(point for point in campaign.points if point not in kept)
+    return chain((out_dir / f"{point.name}.h5" for point in kept), _written(write, left, jobs))
+
+
+def _check_origin(path: Path, expected: dict[str, str | float | int]) -> None:
+    """Refuse to go on from a point that this campaign would not have written."""
+    found = open_hdf5(path).meta
+    for key in ("plan_hash", "seed", "renderer"):
+        if found.get(key) != expected[key]:
+            what = "campaign or scene" if key == "plan_hash" else key
+            raise OutputError(
+                f"{path}: was simulated with another {what}; choose another folder or overwrite"
+            )
 
 
 def _written(write: "partial[Path]", points: tuple[Point, ...], jobs: int) -> Iterator[Path]:
@@ -311,13 +349,3 @@ def _write(
 def _renderer(scene: Scene, name: RendererName) -> Renderer:
     """Make the renderer once in each process; OpenGL contexts and kernels are dear."""
     return make_renderer(scene, name)
-
-
-def _out_dir(out_dir: Path, campaign: Campaign, *, overwrite: bool) -> Path:
-    make_folder(out_dir)
-    there = [p.name for p in campaign.points if (out_dir / f"{p.name}.h5").exists()]
-    if there and not overwrite:
-        raise OutputError(
-            f"{out_dir}: {there[0]}.h5 exists already; choose another folder or allow overwriting"
-        )
-    return out_dir

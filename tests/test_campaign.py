@@ -17,6 +17,7 @@ from render_sim.campaign import (
 )
 from render_sim.excitation import peak_to_peak
 from render_sim.modes import balance_moment, modal_angles
+from render_sim.scene import paper_scene
 
 SMALL = """
 name = "small"
@@ -180,7 +181,8 @@ def test_simulated_point_is_whole(small):
     assert recorded.info.trigger_time == "2026-01-12T08:20:00"
     assert len(recorded.acquisition.channels) == 28
     assert set(recorded.truth) >= {"pitch_deg", "pose", "static_pitch_deg", "bias_deg"}
-    versions = recorded.meta["versions"]
+    versions, plan_hash = recorded.meta["versions"], recorded.meta["plan_hash"]
+    assert re.fullmatch("[0-9a-f]{16}", plan_hash)
     assert recorded.meta == {
         "campaign": "small",
         "run": "yaw",
@@ -195,6 +197,7 @@ def test_simulated_point_is_whole(small):
         "versions": versions,
         "seed": 2,
         "renderer": "flat",
+        "plan_hash": plan_hash,
     }
 
 
@@ -251,10 +254,41 @@ def test_campaign_writes_points_that_can_be_read(small, tmp_path):
 @pytest.mark.usefixtures("flat")
 def test_nothing_is_overwritten_unless_allowed(small, tmp_path):
     (tmp_path / "yaw-02.h5").write_text("")
-    expected = f"{tmp_path}: yaw-02.h5 exists already; choose another folder or allow overwriting"
+    expected = (
+        f"{tmp_path}: yaw-02.h5 exists already; choose another folder, resume or allow overwriting"
+    )
     with pytest.raises(OutputError, match=f"^{re.escape(expected)}$"):
         simulate_campaign(small, tmp_path)
     assert len(list(simulate_campaign(small, tmp_path, overwrite=True))) == 6
+
+
+@pytest.mark.usefixtures("flat")
+def test_a_campaign_goes_on_where_it_stopped(small, tmp_path):
+    begun = simulate_campaign(small, tmp_path, seed=1)
+    done = [next(begun), next(begun)]
+    before = [path.stat().st_mtime_ns for path in done]
+    paths = list(simulate_campaign(small, tmp_path, seed=1, resume=True))
+    assert paths == [tmp_path / f"{point.name}.h5" for point in small.points]
+    assert [path.stat().st_mtime_ns for path in done] == before
+    again = simulate_point(small, small.points[4], renderer=FlatRenderer(), seed=1)
+    np.testing.assert_array_equal(open_hdf5(paths[4]).read(0, 2), again.fields)
+
+
+@pytest.mark.usefixtures("flat")
+@pytest.mark.parametrize(
+    ("changes", "how", "what"),
+    [
+        ({}, {"seed": 2}, "seed"),
+        ({"temperature": 300.0}, {"seed": 1}, "campaign or scene"),
+        ({}, {"seed": 1, "scene": paper_scene().with_window(90, 92)}, "campaign or scene"),
+    ],
+)
+def test_what_another_campaign_wrote_is_not_gone_on_with(small, tmp_path, changes, how, what):
+    first = next(simulate_campaign(small, tmp_path, seed=1))
+    changed = small.model_copy(update=changes)
+    expected = f"{first}: was simulated with another {what}; choose another folder or overwrite"
+    with pytest.raises(OutputError, match=f"^{re.escape(expected)}$"):
+        simulate_campaign(changed, tmp_path, resume=True, **how)
 
 
 @pytest.mark.usefixtures("flat")

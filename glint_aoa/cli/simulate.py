@@ -49,6 +49,9 @@ def simulate(
     jobs: Annotated[
         int, typer.Option(min=1, metavar="N", help="Processes that share the points.")
     ] = 1,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on where an interrupted run stopped.")
+    ] = False,
     overwrite: Overwrite = False,
     as_json: Json = False,
 ) -> None:
@@ -63,11 +66,18 @@ def simulate(
 
     plan = load_campaign(campaign)
     check_folder(out)
-    check_new_files((out / f"{point.name}.h5" for point in plan.points), overwrite=overwrite)
+    files = (out / f"{point.name}.h5" for point in plan.points)
+    check_new_files(files, overwrite=overwrite or resume)
     written = []
     with bar(len(plan.points)) as advance:
         for path in simulate_campaign(
-            plan, out, renderer=renderer.value, seed=seed, jobs=jobs, overwrite=overwrite
+            plan,
+            out,
+            renderer=renderer.value,
+            seed=seed,
+            jobs=jobs,
+            overwrite=overwrite,
+            resume=resume,
         ):
             written.append(path)
             advance(1, path.stem)
