@@ -395,7 +395,7 @@ def _even(first, step, count):
 @njit(cache=True, error_model="numpy")
 def fast_images(
     poses, v0, rows, nodes, blend, first, per_line, half, weights, edge, stations,
-    centre, rotation, inner, lens, lamp, lamp_line, surface, radius,
+    centre, rotations, inner, lens, lamp, lamp_line, surface, radius,
 ):  # fmt: skip
     """Render one image a pose [image, row, column]; status 0, or why the body does not fit.
 
@@ -406,7 +406,7 @@ def fast_images(
     line = np.empty(3)
     for n in range(poses.shape[0]):
         pose = poses[n]
-        axes, eye, moved, along, up = _place(pose, centre, rotation, lamp)
+        axes, eye, moved, along, up = _place(pose, centre, rotations[n], lamp)
         x, y, z = lamp_line[0] - pose[0, 3], lamp_line[1] - pose[1, 3], lamp_line[2] - pose[2, 3]
         _to_model(pose, x, y, z, line)
         found = _nodes(nodes, v0, v0 + rows, inner, lens, axes, eye, radius, line, along)

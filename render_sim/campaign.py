@@ -173,6 +173,7 @@ def simulate_point(
         info=replace(filmed.info, trigger_time=trigger.isoformat()),
         acquisition=AcquisitionRecord(name=point.name, channels=acquired.channels),
         truth={**filmed.truth, **acquired.truth},
+        fields_time_s=filmed.times_s,
         meta=_meta(campaign, point, scene=scene, seed=seed, renderer=renderer.name),
     )
 

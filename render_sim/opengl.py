@@ -73,7 +73,9 @@ class PyrenderRenderer:
         self._stage = pyrender.Scene(bg_color=[scene.surface.wall, 0.0, 0.0, 1.0])
         mesh = pyrender.Mesh.from_trimesh(fuselage_mesh(scene.body, sides=sides))
         self._body = self._stage.add(mesh)
-        self._camera = self._stage.add(self._make_camera(pyrender), pose=_camera_pose(self._lens))
+        self._camera = self._stage.add(
+            self._make_camera(pyrender), pose=_camera_pose(self._lens, np.eye(3))
+        )
         self._offscreen = pyrender.RenderFlags.OFFSCREEN
 
     def _make_camera(self, pyrender: Any) -> Any:
@@ -87,13 +89,17 @@ class PyrenderRenderer:
             zfar=_FAR_M,
         )
 
-    def radiance(self, poses: Floats, *, parity: int = 0) -> Floats:
+    def radiance(self, poses: Floats, *, parity: int = 0, turns: Floats | None = None) -> Floats:
         """Return one image a pose; see `Renderer.radiance`."""
         egl_context().make_current()
         # pyrender counts rows from the image's upper edge, half a line above the first centre
         edge = window_lines(self._scene, parity=parity)[0] - 0.5 - self._margin
         self._camera.camera.cy = (self._lens.v0 - edge) * self._subsamples
-        images = [self._draw(pose) for pose in poses]
+        images = []
+        for n, pose in enumerate(poses):
+            turn = np.eye(3) if turns is None else turns[n]
+            self._stage.set_pose(self._camera, _camera_pose(self._lens, turn))
+            images.append(self._draw(pose))
         return np.array(images) * self._gain
 
     def _draw(self, pose: Floats) -> Floats:
@@ -104,9 +110,9 @@ class PyrenderRenderer:
         )
 
 
-def _camera_pose(lens: Pinhole) -> Floats:
+def _camera_pose(lens: Pinhole, turn: Floats) -> Floats:
     """Return the pose of an OpenGL camera, which looks along its -z with y up."""
-    right, ahead, up = lens.rotation.T
+    right, ahead, up = (lens.rotation @ turn).T
     return rigid(np.stack([right, up, -ahead], axis=-1), lens.centre_m)
 
 

@@ -81,7 +81,7 @@ class RaytraceRenderer:
         reflectance = [surface.roughness**2, surface.specular, surface.diffuse]
         self._surface = np.array([*reflectance, surface.ambient * gain, surface.wall * gain])
 
-    def radiance(self, poses: Floats, *, parity: int = 0) -> Floats:
+    def radiance(self, poses: Floats, *, parity: int = 0, turns: Floats | None = None) -> Floats:
         """Return one image a pose; see `Renderer.radiance`.
 
         Raises
@@ -89,6 +89,8 @@ class RaytraceRenderer:
         InputError
             If the cylinder ends within the window, or no lamp is mirrored in some column.
         """
+        centre, rotation, *lens = self._lens
+        turned = rotation if turns is None else rotation @ turns
         images, problem = kernel.fast_images(
             np.ascontiguousarray(poses),
             float(window_lines(self._scene, parity=parity)[0]),
@@ -101,7 +103,9 @@ class RaytraceRenderer:
             self._weights,
             self._edge,
             self._stations,
-            *self._lens,
+            centre,
+            np.broadcast_to(turned, (len(poses), 3, 3)),
+            *lens,
             self._lamp,
             self._lamp_line,
             self._surface,

@@ -21,7 +21,7 @@ class Renderer(Protocol):
         """Its name, as `make_renderer` knows it."""
         ...
 
-    def radiance(self, poses: Floats, *, parity: int = 0) -> Floats:
+    def radiance(self, poses: Floats, *, parity: int = 0, turns: Floats | None = None) -> Floats:
         """Return one image a pose, integrated over pixels, lens blur included.
 
         Parameters
@@ -30,6 +30,9 @@ class Renderer(Protocol):
             Poses, model to tunnel [image, 4, 4] [m].
         parity : int
             0 for even fields, 1 for odd ones, whose lines lie half a line lower.
+        turns : ndarray, optional
+            How the camera is turned about its perspective centre in each image, from its own axes
+            (x right, y along the optical axis, z up) to those it has in the scene [image, 3, 3].
 
         Returns
         -------

@@ -15,12 +15,35 @@ from typing import Annotated, Literal
 from pydantic import ConfigDict, Field
 
 from glint_aoa.setup import Camera, Fields, load_section
-from glint_aoa.setup.section import Metres, Number, PositiveCount, PositiveMetres
+from glint_aoa.setup.section import (
+    Count,
+    Metres,
+    Number,
+    PositiveCount,
+    PositiveHertz,
+    PositiveMetres,
+    Radians,
+    quantity,
+)
 
-__all__ = ["Body", "Lamp", "Optics", "Scene", "Sensor", "Surface", "load_scene", "paper_scene"]
+__all__ = [
+    "Air",
+    "Body",
+    "Lamp",
+    "Optics",
+    "Recorder",
+    "Scene",
+    "Sensor",
+    "Shake",
+    "Surface",
+    "load_scene",
+    "paper_scene",
+]
 
 _NotNegative = Annotated[Number, Field(ge=0)]
 _Positive = Annotated[Number, Field(gt=0)]
+_Share = Annotated[Number, Field(ge=0, le=1)]
+_Time = Annotated[float, quantity("s"), Field(ge=0, allow_inf_nan=False)]
 _Place = tuple[Metres, Metres, Metres]
 
 
@@ -145,6 +168,85 @@ class Sensor(_Keys):
 
 
 @dataclass(frozen=True)
+class Air(_Keys):
+    """What comes between body and lens, and how the light changes in time.
+
+    Attributes
+    ----------
+    fog : tuple of float
+        Share of the light that fog lets through at the first field and at the last; linear between.
+    airlight_level : float
+        What fully dense fog shines with by itself [grey levels].
+    flicker : float
+        Half the light's swing over its mean, at twice the mains frequency.
+    mains_hz : float
+        The mains frequency [Hz].
+    """
+
+    fog: tuple[_Share, _Share] = (1.0, 1.0)
+    airlight_level: _NotNegative = 30.0
+    flicker: _Share = 0.0
+    mains_hz: Annotated[PositiveHertz, Field(alias="mains")] = 60.0
+
+
+@dataclass(frozen=True)
+class Shake(_Keys):
+    """A vibration of the camera about its perspective centre: one sine.
+
+    Attributes
+    ----------
+    axis : {"roll", "tilt", "pan"}
+        Roll about the optical axis, tilt up, pan to the left in the image.
+    amplitude_rad : float
+        Half its swing [rad].
+    frequency_hz : float
+        Its frequency [Hz].
+    phase_rad : float
+        Its phase at the trigger [rad].
+    """
+
+    axis: Literal["roll", "tilt", "pan"]
+    amplitude_rad: Annotated[Radians, Field(alias="amplitude")]
+    frequency_hz: Annotated[PositiveHertz, Field(alias="frequency")]
+    phase_rad: Annotated[Radians, Field(alias="phase")] = 0.0
+
+
+@dataclass(frozen=True)
+class Recorder(_Keys):
+    """What camera and recorder do wrong.
+
+    Attributes
+    ----------
+    gain_drift : float
+        Relative change of the gain in a second [1/s].
+    black_drift : float
+        Change of the black level in a second [grey levels / s].
+    line_jitter : float
+        Standard deviation of where single lines start [columns].
+    line_time_s : float
+        From one line's exposure to the next one's, for a rolling shutter [s]; 0 for a global one.
+    dead_columns : tuple of int
+        Columns of the window that see nothing.
+    dropped, repeated : tuple of int
+        Exposures, counted from 0, that are not stored, and that are stored twice.
+    parity_is_wrong : bool
+        Whether the recording states the other parity.
+    timestamps : bool
+        Whether the true times of the exposures are stored.
+    """
+
+    gain_drift: Number = 0.0
+    black_drift: Number = 0.0
+    line_jitter: _NotNegative = 0.0
+    line_time_s: Annotated[_Time, Field(alias="line_time")] = 0.0
+    dead_columns: tuple[Count, ...] = ()
+    dropped: tuple[Count, ...] = ()
+    repeated: tuple[Count, ...] = ()
+    parity_is_wrong: bool = False
+    timestamps: bool = False
+
+
+@dataclass(frozen=True)
 class Scene(_Keys):
     """A whole test section.
 
@@ -154,8 +256,10 @@ class Scene(_Keys):
         Inner orientation, distortion and pose of the camera.
     fields : Fields
         Field rate, exposure, window and parity of the recording.
-    body, lamp, surface, optics, sensor
+    body, lamp, surface, air, optics, sensor, recorder
         The parts; see their classes.
+    shake : tuple of Shake
+        How the camera vibrates.
     nose : {"left", "right"}
         Where the nose points in the image.
     view_station_m : float
@@ -173,6 +277,9 @@ class Scene(_Keys):
     surface: Surface = Surface()
     optics: Optics = Optics()
     sensor: Sensor = Sensor()
+    air: Air = Air()
+    recorder: Recorder = Recorder()
+    shake: tuple[Shake, ...] = ()
     nose: Literal["left", "right"] = "left"
     view_station_m: Annotated[Metres, Field(alias="view_station")] = 0.45
     package_station_m: Annotated[Metres, Field(alias="package_station")] = 0.9

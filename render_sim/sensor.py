@@ -29,7 +29,14 @@ def expected_noise(light: Floats, sensor: Sensor) -> Floats:
     return np.asarray(np.sqrt(np.maximum(light, 0.0) * per_electron + sensor.read_noise**2))
 
 
-def record(light: Floats, sensor: Sensor, *, rng: np.random.Generator) -> Levels:
+def record(
+    light: Floats,
+    sensor: Sensor,
+    *,
+    rng: np.random.Generator,
+    gain: float = 1.0,
+    black_change: float = 0.0,
+) -> Levels:
     """Turn light into recorded grey levels.
 
     Shot noise is drawn from a normal distribution: where light is so weak that a Poisson's
@@ -43,6 +50,10 @@ def record(light: Floats, sensor: Sensor, *, rng: np.random.Generator) -> Levels
         Noise, black level and bits.
     rng : numpy.random.Generator
         Source of the noise.
+    gain : float
+        Of the amplifier, over its usual one [-].
+    black_change : float
+        What the black level lies over its usual one [grey levels].
 
     Returns
     -------
@@ -50,6 +61,7 @@ def record(light: Floats, sensor: Sensor, *, rng: np.random.Generator) -> Levels
         Grey levels [...], uint8 for 8 bits, uint16 for more.
     """
     noise = rng.standard_normal(light.shape, dtype=np.float32)
-    levels = sensor.black_level + light + noise * expected_noise(light, sensor)
+    signal = light + noise * expected_noise(light, sensor)
+    levels = sensor.black_level + black_change + gain * signal
     clipped = np.clip(np.rint(levels), 0, sensor.top_level)
     return clipped.astype(np.uint8) if sensor.bits == 8 else clipped.astype(np.uint16)
