@@ -11,6 +11,7 @@ from glint_aoa.records.fields import FieldInfo
 from render_sim.air import light_in_time
 from render_sim.mirror import glint_line
 from render_sim.motion import Motion
+from render_sim.pixel import lens_falloff
 from render_sim.recorder import camera_turns, recorded_levels, stored_exposures
 from render_sim.renderer import Renderer
 from render_sim.scene import Scene
@@ -220,6 +221,7 @@ class _Shutter:
         self._motion = motion
         self._renderer = renderer
         self._span = span
+        self._falloff = {parity: lens_falloff(scene, parity=parity) for parity in (0, 1)}
         self._last: dict[tuple[int, int], tuple[bytes, Floats]] = {}
 
     def expose(self, times: Floats, parity: int) -> Floats:
@@ -238,7 +240,8 @@ class _Shutter:
         share, airlight = light_in_time(self._scene.air, times, self._span)
         images, which = self._images(times, parity, place)
         weight = np.bincount(which, share, minlength=len(images)) / times.size
-        return np.asarray(np.tensordot(weight, images, axes=1) + airlight.mean())
+        light = np.tensordot(weight, images, axes=1) * self._falloff[parity]
+        return np.asarray(light + airlight.mean())
 
     def _images(self, times: Floats, parity: int, place: int) -> tuple[Floats, NDArray[np.intp]]:
         """Return the images that differ, and which of them each time shows."""

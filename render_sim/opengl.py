@@ -17,7 +17,7 @@ from render_sim._pyrender_repairs import egl_context, import_pyrender
 from render_sim.bodies import fuselage_mesh
 from render_sim.light import lamp_samples
 from render_sim.motion import rigid
-from render_sim.pixel import exposure_gain, integrate_lines, response_margin
+from render_sim.pixel import Blur, exposure_gain, integrate_lines
 from render_sim.projection import Pinhole, window_lines
 from render_sim.scene import Scene
 
@@ -65,9 +65,9 @@ class PyrenderRenderer:
         self._scene = scene
         self._subsamples = subsamples
         self._gain = exposure_gain(scene)
-        self._margin = response_margin(scene.optics.blur_lines)
+        self._blur = Blur.of(scene)
         self._lens = Pinhole.of(scene)
-        height = (scene.sensor.rows + 2 * self._margin) * subsamples
+        height = (scene.sensor.rows + 2 * self._blur.margin) * subsamples
         shades = _constants(scene)
         self._renderer = _linear_renderer(pyrender, scene.sensor.columns, height, shades)
         self._stage = pyrender.Scene(bg_color=[scene.surface.wall, 0.0, 0.0, 1.0])
@@ -93,7 +93,7 @@ class PyrenderRenderer:
         """Return one image a pose; see `Renderer.radiance`."""
         egl_context().make_current()
         # pyrender counts rows from the image's upper edge, half a line above the first centre
-        edge = window_lines(self._scene, parity=parity)[0] - 0.5 - self._margin
+        edge = window_lines(self._scene, parity=parity)[0] - 0.5 - self._blur.margin
         self._camera.camera.cy = (self._lens.v0 - edge) * self._subsamples
         images = []
         for n, pose in enumerate(poses):
@@ -105,9 +105,7 @@ class PyrenderRenderer:
     def _draw(self, pose: Floats) -> Floats:
         self._stage.set_pose(self._body, pose)
         fine = self._renderer.render(self._stage, self._offscreen)
-        return integrate_lines(
-            fine, subsamples=self._subsamples, blur_lines=self._scene.optics.blur_lines
-        )
+        return integrate_lines(fine, subsamples=self._subsamples, blur=self._blur)
 
 
 def _camera_pose(lens: Pinhole, turn: Floats) -> Floats:

@@ -19,11 +19,11 @@ from render_sim.light import lamp_samples, reflection
 from render_sim.mirror import mirror_points
 from render_sim.motion import StaticMotion
 from render_sim.pixel import (
+    Blur,
     edge_response,
     exposure_gain,
     integrate_lines,
     pixel_response,
-    response_margin,
 )
 from render_sim.projection import Pinhole, window_columns, window_lines
 from render_sim.scene import Scene
@@ -66,7 +66,7 @@ class RaytraceRenderer:
         gain = exposure_gain(scene)
         self._nodes, self._first, self._blend = _column_nodes(window_columns(scene))
         self._per_line, self._half, self._weights = _profile_grid(scene)
-        self._edge = _edge_table(scene.optics.blur_lines)
+        self._edge = _edge_table(Blur.of(scene))
         camera, body, surface = Pinhole.of(scene), scene.body, scene.surface
         self._stations = np.array([body.base_station_m, body.shoulder_station_m])
         self._lens = (
@@ -120,15 +120,15 @@ class RaytraceRenderer:
 
         Here the cylinder has no ends.
         """
-        blur = self._scene.optics.blur_lines
-        margin = response_margin(blur)
+        blur = Blur.of(self._scene)
+        margin = blur.margin
         first = float(window_lines(self._scene, parity=parity)[0]) - 0.5 - margin
         count = (self._scene.sensor.rows + 2 * margin) * subsamples
         lines = first + (np.arange(count) + 0.5) / subsamples
         columns = window_columns(self._scene)
         scene = (*self._lens, self._lamp, self._surface, self._scene.body.radius_m)
         fine = [kernel.fine_image(pose, columns, lines, *scene) for pose in poses]
-        return integrate_lines(np.array(fine), subsamples=subsamples, blur_lines=blur)
+        return integrate_lines(np.array(fine), subsamples=subsamples, blur=blur)
 
 
 def _column_nodes(columns: Floats) -> tuple[Floats, NDArray[np.int64], Floats]:
@@ -150,10 +150,10 @@ def _profile_grid(scene: Scene) -> tuple[int, int, Floats]:
 
     The band reaches to where the glint is 1e-5 of its peak, with a fifth to spare.
     """
-    blur = scene.optics.blur_lines
+    blur = Blur.of(scene)
     reach = 1.2 * _glint_reach(scene)
     per_line = int(np.ceil(_SAMPLES_A_SIDE / reach))
-    half = int(np.ceil((reach + 0.5 + response_margin(blur)) * per_line)) + 2
+    half = int(np.ceil((reach + 0.5 + blur.margin) * per_line)) + 2
     return per_line, half, _response_weights(1.0 / per_line, blur)
 
 
@@ -169,23 +169,23 @@ def _glint_reach(scene: Scene) -> float:
     return float(np.max(np.abs(offsets[specular > _FAINT * np.nanmax(specular)])))
 
 
-def _edge_table(blur_lines: float) -> Floats:
-    reach = (0.5 + response_margin(blur_lines)) * kernel.EDGE_STEPS
-    return edge_response(np.arange(-reach, reach + 1) / kernel.EDGE_STEPS, blur_lines)
+def _edge_table(blur: Blur) -> Floats:
+    reach = (0.5 + blur.margin) * kernel.EDGE_STEPS
+    return edge_response(np.arange(-reach, reach + 1) / kernel.EDGE_STEPS, blur)
 
 
-def _response_weights(step: float, blur_lines: float) -> Floats:
+def _response_weights(step: float, blur: Blur) -> Floats:
     """Return weights that integrate sampled values times the pixel's response.
 
     Exact for the cubic that runs through neighbouring samples: each weight is the integral of the
     response times a sample's cardinal function.
     """
     fine = 64
-    half = int(np.ceil((0.5 + response_margin(blur_lines)) / step)) + 2
+    half = int(np.ceil((0.5 + blur.margin) / step)) + 2
     x = np.abs((np.arange(-2 * fine, 2 * fine) + 0.5) / fine)
     near = (1.0 - x**2) * (2.0 - x) / 2.0
     cardinal = np.where(x < 1.0, near, (1.0 - x) * (2.0 - x) * (3.0 - x) / 6.0)
     x = (np.arange(-2 * fine, 2 * fine) + 0.5) / fine
     places = (np.arange(-half, half + 1)[:, None] + x) * step
-    weights = pixel_response(places, blur_lines) @ cardinal
+    weights = pixel_response(places, blur) @ cardinal
     return np.asarray(weights / weights.sum())

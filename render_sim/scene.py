@@ -44,6 +44,7 @@ _NotNegative = Annotated[Number, Field(ge=0)]
 _Positive = Annotated[Number, Field(gt=0)]
 _Share = Annotated[Number, Field(ge=0, le=1)]
 _Time = Annotated[float, quantity("s"), Field(ge=0, allow_inf_nan=False)]
+_Length = Annotated[Metres, Field(ge=0)]
 _Place = tuple[Metres, Metres, Metres]
 
 
@@ -128,9 +129,22 @@ class Optics(_Keys):
     ----------
     blur_lines : float
         Standard deviation of the Gaussian point spread across the lines [field lines].
+    defocus_m : float
+        Radius of the disc on the sensor that a point is spread over out of focus [m].
+    f_number : float
+        Focal length over the pupil's diameter, for diffraction; 0 for none [-].
+    wavelength_m : float
+        Wavelength of the light [m].
+    vignetting : float
+        How far light falls off as the fourth power of the cosine of the angle to the optical axis:
+        0 not at all, 1 as it does in a thin lens [-].
     """
 
     blur_lines: _NotNegative = 0.5
+    defocus_m: Annotated[_Length, Field(alias="defocus")] = 0.0
+    f_number: _NotNegative = 0.0
+    wavelength_m: Annotated[PositiveMetres, Field(alias="wavelength")] = 550e-9
+    vignetting: _NotNegative = 0.0
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from render_sim.air import light_in_time
 from render_sim.film import film
 from render_sim.motion import StaticMotion
 from render_sim.recorder import camera_turns, recorded_levels, stored_exposures
-from render_sim.scene import Air, Recorder, Sensor, Shake, paper_scene
+from render_sim.scene import Air, Optics, Recorder, Sensor, Shake, paper_scene
 
 QUIET = Sensor(rows=40, columns=30, read_noise=0.0, full_well_e=1e15, bits=16, black_level=100.0)
 
@@ -176,3 +176,14 @@ def test_a_turned_camera_is_one_that_stands_so(axis, about):
     assert 0.98 < gain < 1.02
     ratio = turned / stands.radiance(pose)
     assert np.ptp(ratio) < 1e-9 * ratio.mean()
+
+
+def test_light_falls_off_towards_the_edges():
+    seen = scene(optics=Optics(vignetting=1.0))
+    fields = filmed(seen, 1).fields[0].astype(float) - 100
+    bright = filmed(scene(), 1).fields[0].astype(float) - 100
+    camera = seen.camera
+    across = (np.arange(30) - 375.5) * 11.7e-6
+    down = (98 + np.arange(40) - 119.5) * 27.5e-6
+    angle = np.arctan2(np.hypot(across, down[:, None]), camera.focal_length)
+    np.testing.assert_allclose(fields, bright * np.cos(angle) ** 4, atol=0.51)

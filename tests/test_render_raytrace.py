@@ -11,11 +11,11 @@ from render_sim.bodies import cylinder_hits, fuselage_mesh
 from render_sim.light import lamp_samples, radiance, reflection
 from render_sim.motion import StaticMotion
 from render_sim.pixel import (
+    Blur,
     edge_response,
     exposure_gain,
     integrate_lines,
     pixel_response,
-    response_margin,
 )
 from render_sim.projection import Pinhole, window_columns, window_lines
 from render_sim.raytrace import RaytraceRenderer
@@ -70,14 +70,14 @@ def test_brute_force_is_the_formula_of_light():
     scene = small_scene()
     pose = still(scene, 4.0, 0.5)
     camera = Pinhole.of(scene)
-    margin = response_margin(scene.optics.blur_lines)
+    margin = Blur.of(scene).margin
     lines = window_lines(scene)[0] - 0.5 - margin + (np.arange((92 + 2 * margin) * 4) + 0.5) / 4
     rays = camera.directions(window_columns(scene), lines[:, None])
     points, normals = cylinder_hits(scene.body.radius_m, pose[0], camera.centre_m, rays)
     hit = np.isfinite(points[..., 0])
     fine = np.full(hit.shape, scene.surface.wall)
     fine[hit] = radiance(scene, points[hit], normals[hit], camera.centre_m)
-    expected = integrate_lines(fine, subsamples=4, blur_lines=scene.optics.blur_lines)
+    expected = integrate_lines(fine, subsamples=4, blur=Blur.of(scene))
     image = RaytraceRenderer(scene).brute_force(pose, subsamples=4)[0]
     np.testing.assert_allclose(image, expected * exposure_gain(scene), atol=1e-5)
 
@@ -167,15 +167,50 @@ def test_rendering_is_reproducible_to_the_bit():
 @pytest.mark.parametrize("blur", [0.0, 0.3, 1.0])
 def test_edge_response_is_the_integral_of_the_pixels(blur):
     for offset in (-1.3, -0.5, 0.0, 0.2, 2.0):
-        area, _ = quad(pixel_response, -8.0, offset, args=(blur,), points=[-0.5, 0.5], limit=200)
-        assert edge_response(offset, blur) == pytest.approx(area, abs=1e-7)
+        lens = Blur(blur)
+        area, _ = quad(pixel_response, -8.0, offset, args=(lens,), points=[-0.5, 0.5], limit=200)
+        assert edge_response(offset, lens) == pytest.approx(area, abs=1e-7)
+
+
+@pytest.mark.parametrize("radius", [0.4, 1.7])
+def test_a_defocused_pixel_sees_a_disc(radius):
+    def share(t):  # of a disc's light within `t` of its diameter
+        x = np.clip(t / radius, -1, 1)
+        return 0.5 + (x * np.sqrt(1 - x**2) + np.arcsin(x)) / np.pi
+
+    offset = np.linspace(-3, 3, 61)
+    response = pixel_response(offset, Blur(disc=radius))
+    np.testing.assert_allclose(response, share(offset + 0.5) - share(offset - 0.5), atol=2e-3)
+    assert edge_response(0.0, Blur(0.3, disc=radius)) == pytest.approx(0.5, abs=1e-6)
+
+
+def test_diffraction_is_that_of_a_circular_pupil():
+    lens = Blur(cutoff=4.0)
+
+    def spectrum(frequency, offset):
+        s = frequency / 4.0
+        transfer = 2 / np.pi * (np.arccos(s) - s * np.sqrt(1 - s**2))
+        return 2 * transfer * np.sinc(frequency) * np.cos(2 * np.pi * frequency * offset)
+
+    for offset in (0.0, 0.3, 0.5, 1.0, 2.2):
+        expected, _ = quad(spectrum, 0, 4, args=(offset,), limit=200)
+        assert pixel_response(offset, lens) == pytest.approx(expected, abs=5e-4)
+
+
+def test_blurs_add_as_their_variances():
+    offset = np.linspace(-6, 6, 2401)
+    both = pixel_response(offset, Blur(0.5, disc=0.8))
+    variance = np.trapezoid(offset**2 * both, offset)
+    assert variance == pytest.approx(1 / 12 + 0.25 + 0.8**2 / 4, rel=1e-3)
+    gaussian = pixel_response(offset, Blur(0.5))
+    np.testing.assert_allclose(pixel_response(offset, Blur(0.5, disc=1e-9)), gaussian, atol=1e-4)
 
 
 def test_integrating_an_even_image_changes_nothing():
-    margin = response_margin(0.5)
+    margin = Blur(0.5).margin
     fine = np.full(((4 + 2 * margin) * 8, 3), 7.0)
     np.testing.assert_allclose(
-        integrate_lines(fine, subsamples=8, blur_lines=0.5), np.full((4, 3), 7.0)
+        integrate_lines(fine, subsamples=8, blur=Blur(0.5)), np.full((4, 3), 7.0)
     )
 
 
