@@ -207,7 +207,7 @@ def _undistorted_rays(camera: Pinhole, columns: Floats, lines: Floats) -> Floats
 
 
 def lens_falloff(scene: Scene, *, parity: int = 0) -> Floats:
-    """Return the share of the light that the lens lets through, over that on its axis [row, column].
+    """Return the light that the lens lets through over that on its axis [row, column].
 
     The fourth power of the cosine of the angle to the optical axis, to the power of
     `Optics.vignetting`.
