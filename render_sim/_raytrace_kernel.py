@@ -5,7 +5,8 @@ Packed arguments:
 
 inner    fx, fy, u0, v0
 lens     k1, k2, p1, p2, k3, all zero for none
-surface  roughness squared, specular, diffuse, ambient, wall
+surface  roughness squared, specular, diffuse, ambient, wall, 1 for GGX
+lamp     of each sample: place, area times radiance, direction, exponent of the beam
 """
 
 # mypy: disable-error-code="no-untyped-def"
@@ -35,7 +36,7 @@ def _to_model(pose, x, y, z, result):
 
 @njit(cache=True, error_model="numpy")
 def _place(pose, centre, rotation, lamp):
-    """Bring all into the model frame: camera axes, eye, lamp samples, tunnel's X and up."""
+    """Bring all into the model frame: camera axes, eye, lamp samples, tunnel's X."""
     axes, eye, moved = np.empty((3, 3)), np.empty(3), np.empty_like(lamp)
     for j in range(3):
         _to_model(pose, rotation[0, j], rotation[1, j], rotation[2, j], axes[:, j])
@@ -43,11 +44,11 @@ def _place(pose, centre, rotation, lamp):
     _to_model(pose, centre[0] - x, centre[1] - y, centre[2] - z, eye)
     for j in range(lamp.shape[0]):
         _to_model(pose, lamp[j, 0] - x, lamp[j, 1] - y, lamp[j, 2] - z, moved[j])
-        moved[j, 3] = lamp[j, 3]
-    along, up = np.empty(3), np.empty(3)
+        _to_model(pose, lamp[j, 4], lamp[j, 5], lamp[j, 6], moved[j, 4:])
+        moved[j, 3], moved[j, 7] = lamp[j, 3], lamp[j, 7]
+    along = np.empty(3)
     _to_model(pose, 1.0, 0.0, 0.0, along)
-    _to_model(pose, 0.0, 0.0, 1.0, up)
-    return axes, eye, moved, along, up
+    return axes, eye, moved, along
 
 
 @njit(cache=True, error_model="numpy")
@@ -74,7 +75,25 @@ def _hit(dx, dy, dz, eye, radius):
 
 
 @njit(cache=True, error_model="numpy")
-def _shade(px, py, pz, eye, lamp, up, surface, with_specular):
+def _faintest(surface):
+    """Return the inverse squared cosine from the mirror direction beyond which nothing is seen."""
+    return math.inf if surface[5] > 0.0 else 1.0 - _FAINTEST * surface[0]
+
+
+@njit(cache=True, error_model="numpy")
+def _lobe(inverse, size2, surface):
+    """Return slope distribution times reflectance, but for what all samples share."""
+    if surface[5] > 0.0:
+        lobe = (surface[0] / (surface[0] - 1.0 + inverse)) ** 2
+    else:
+        lobe = math.exp((1.0 - inverse) / surface[0])
+    grazing = 1.0 - 0.5 * math.sqrt(size2)
+    square = grazing * grazing
+    return lobe * (surface[1] + (1.0 - surface[1]) * square * square * grazing)
+
+
+@njit(cache=True, error_model="numpy")
+def _shade(px, py, pz, eye, lamp, surface, with_specular):
     """Return the matte and the specular part of the radiance; the formula of `light`.
 
     Lamp samples so far from the mirror direction that they add nothing are passed over.
@@ -85,35 +104,35 @@ def _shade(px, py, pz, eye, lamp, up, surface, with_specular):
     size = 1.0 / math.sqrt(vx * vx + vy * vy + vz * vz)
     vx, vy, vz = vx * size, vy * size, vz * size
     facing_eye = ny * vy + nz * vz
-    faintest = 1.0 - _FAINTEST * surface[0]
+    faintest = _faintest(surface)
     received, specular = 0.0, 0.0
     for j in range(lamp.shape[0]):
         lx, ly, lz = lamp[j, 0] - px, lamp[j, 1] - py, lamp[j, 2] - pz
         r2 = lx * lx + ly * ly + lz * lz
         size = 1.0 / math.sqrt(r2)
         facing = (ny * ly + nz * lz) * size
-        height = (up[0] * lx + up[1] * ly + up[2] * lz) * size
-        if facing <= 0.0 or height <= 0.0:
+        shone = -(lamp[j, 4] * lx + lamp[j, 5] * ly + lamp[j, 6] * lz) * size
+        if facing <= 0.0 or shone <= 0.0:
             continue
-        weight = lamp[j, 3] * height * facing * size * size
+        shone = shone if lamp[j, 7] == 1.0 else shone ** lamp[j, 7]
+        weight = lamp[j, 3] * shone * facing * size * size
         received += weight
         if with_specular:
             size2 = 2.0 + 2.0 * (lx * vx + ly * vy + lz * vz) * size
             total = facing + facing_eye
             if size2 < faintest * total * total:
                 inverse = size2 / (total * total)
-                lobe = math.exp((1.0 - inverse) / surface[0])
-                specular += weight * lobe * inverse * inverse / size2
+                specular += weight * _lobe(inverse, size2, surface) * inverse * inverse / size2
     return (
         surface[2] * (received / math.pi + surface[3]),
-        surface[1] * specular / (math.pi * surface[0]),
+        specular / (math.pi * surface[0]),
     )
 
 
 @njit(cache=True, error_model="numpy")
 def fine_image(pose, columns, lines, centre, rotation, inner, lens, lamp, surface, radius):
     """Cast one ray at every crossing of `columns` and `lines`; radiance [line, column]."""
-    axes, eye, lamp, _, up = _place(pose, centre, rotation, lamp)
+    axes, eye, lamp, _ = _place(pose, centre, rotation, lamp)
     image = np.empty((lines.size, columns.size))
     reach = eye[1] * eye[1] + eye[2] * eye[2] - radius * radius
     for i in range(lines.size):
@@ -124,7 +143,7 @@ def fine_image(pose, columns, lines, centre, rotation, inner, lens, lamp, surfac
                 image[i, j] = surface[4]
                 continue
             px, py, pz = _hit(dx, dy, dz, eye, radius)
-            matte, specular = _shade(px, py, pz, eye, lamp, up, surface, True)
+            matte, specular = _shade(px, py, pz, eye, lamp, surface, True)
             image[i, j] = matte + specular
     return image
 
@@ -243,7 +262,7 @@ def _nodes(nodes, v0, v1, inner, lens, axes, eye, radius, line, along):
 
 
 @njit(cache=True, error_model="numpy")
-def _mirrored_part(u, v, inner, lens, axes, eye, lamp, radius, m2):
+def _mirrored_part(u, v, inner, lens, axes, eye, lamp, radius, surface):
     """Return the lamp samples that can add to the glint in column u, whose mirror line is v.
 
     Along the lamp the lobe falls as it does on the mirror line; off that line only faster.
@@ -259,28 +278,28 @@ def _mirrored_part(u, v, inner, lens, axes, eye, lamp, radius, m2):
         size = 1.0 / math.sqrt(lx * lx + ly * ly + lz * lz)
         hx, hy, hz = lx * size + vx * view, ly * size + vy * view, lz * size + vz * view
         total = (py * hy + pz * hz) / radius
-        if (hx * hx + hy * hy + hz * hz) < (1.0 - _FAINTEST * m2) * total * total:
-            for k in range(4):
+        if (hx * hx + hy * hy + hz * hz) < _faintest(surface) * total * total:
+            for k in range(8):
                 chosen[count, k] = lamp[j, k]
             count += 1
     return chosen[:count]
 
 
 @njit(cache=True, error_model="numpy")
-def _sample(nodes, found, offsets, specular, inner, lens, axes, eye, lamp, up, surface, radius):
+def _sample(nodes, found, offsets, specular, inner, lens, axes, eye, lamp, surface, radius):
     """Return one part of the radiance at `offsets` lines from the mirror line [node, offset]."""
     values = np.empty((nodes.size, offsets.size))
     for i in range(nodes.size):
         near = lamp
         if specular:
             near = _mirrored_part(
-                nodes[i], found[i, 0], inner, lens, axes, eye, lamp, radius, surface[0]
+                nodes[i], found[i, 0], inner, lens, axes, eye, lamp, radius, surface
             )
         for k in range(offsets.size):
             v = min(max(found[i, 0] + offsets[k], found[i, 1] + 1e-3), found[i, 2] - 1e-3)
             dx, dy, dz = _ray(nodes[i], v, inner, lens, axes)
             px, py, pz = _hit(dx, dy, dz, eye, radius)
-            parts = _shade(px, py, pz, eye, near, up, surface, specular)
+            parts = _shade(px, py, pz, eye, near, surface, specular)
             values[i, k] = parts[1] if specular else parts[0]
     return values
 
@@ -330,47 +349,66 @@ def _mix(values, first, blend, result):
 
 
 @njit(cache=True, error_model="numpy")
-def _fill_column(pixels, v0, place, glint, per_line, matte, matte_first, edge, wall, w):
-    """Read one column's profiles at its pixels; place is mirror line, upper and lower edge."""
-    rows = pixels.size
-    offset = v0 - place[0]
+def _fill_matte(pixels, v0, centre, matte, matte_first, w):
+    """Read one column's matte profile, evenly spaced about its mirror line, at its pixels."""
+    offset = v0 - centre
     k = math.floor(offset - matte_first)
     _cubic(offset - matte_first - k, w)
     a, b, c, d = w[0], w[1], w[2], w[3]
-    for row in range(rows):
+    for row in range(pixels.size):
         n = k + row
         pixels[row] = a * matte[n - 1] + b * matte[n] + c * matte[n + 1] + d * matte[n + 2]
-    sample = offset * per_line + (glint.size - 1) // 2
+
+
+@njit(cache=True, error_model="numpy")
+def _add_glint(pixels, v0, centre, glint, per_line, w):
+    """Add one column's glint, sampled about its mirror line, to its pixels."""
+    sample = (v0 - centre) * per_line + (glint.size - 1) // 2
     k = math.floor(sample)
     _cubic(sample - k, w)
     a, b, c, d = w[0], w[1], w[2], w[3]
     begin = max(0, -((k - 1) // per_line))
-    end = min(rows, (glint.size - 3 - k) // per_line + 1)
+    end = min(pixels.size, (glint.size - 3 - k) // per_line + 1)
     for row in range(begin, end):
         n = k + row * per_line
         pixels[row] += a * glint[n - 1] + b * glint[n] + c * glint[n + 1] + d * glint[n + 2]
+
+
+@njit(cache=True, error_model="numpy")
+def _cut_out(pixels, v0, top, bottom, edge, wall):
+    """Show the wall beyond the body's upper and lower edge; pixels on an edge show both."""
+    rows = pixels.size
     reach = (edge.size // 2) / EDGE_STEPS
-    begin = min(max(math.ceil(place[1] - reach - v0), 0), rows)
-    end = max(min(math.floor(place[2] + reach - v0) + 1, rows), begin)
+    begin = min(max(math.ceil(top - reach - v0), 0), rows)
+    end = max(min(math.floor(bottom + reach - v0) + 1, rows), begin)
     for row in range(rows):
         v = v0 + row
         if row < begin or row >= end:
             pixels[row] = wall
-        elif v < place[1] + reach or v > place[2] - reach:
-            part = _covered(v - place[1], edge) - _covered(v - place[2], edge)
+        elif v < top + reach or v > bottom - reach:
+            part = _covered(v - top, edge) - _covered(v - bottom, edge)
             pixels[row] = part * pixels[row] + (1.0 - part) * wall
 
 
 @njit(cache=True, error_model="numpy")
-def _fill(image, v0, found, band, per_line, matte, matte_first, blend, first, edge, wall):
-    """Interpolate the nodes' profiles along the line, and read them at every pixel's place."""
-    glint, ground = np.empty(band.shape[1]), np.empty(matte.shape[1])
+def _fill(image, v0, found, bands, per_line, matte, matte_first, blend, first, edge, wall):
+    """Interpolate the nodes' profiles along the line, and read them at every pixel's place.
+
+    `found` [lamp, node, 3] and `bands` [lamp, node, sample] are those of `_nodes` and `_blurred`.
+    """
+    glint, ground = np.empty(bands.shape[2]), np.empty(matte.shape[1])
     place, pixels, w = np.empty(3), np.empty(image.shape[0]), np.empty(4)
     for j in range(image.shape[1]):
-        _mix(band, first[j], blend[j], glint)
         _mix(matte, first[j], blend[j], ground)
-        _mix(found, first[j], blend[j], place)
-        _fill_column(pixels, v0, place, glint, per_line, ground, matte_first, edge, wall, w)
+        _mix(found[0], first[j], blend[j], place)
+        top, bottom = place[1], place[2]
+        _fill_matte(pixels, v0, place[0], ground, matte_first, w)
+        for k in range(found.shape[0]):
+            _mix(found[k], first[j], blend[j], place)
+            _mix(bands[k], first[j], blend[j], glint)
+            if not math.isnan(place[0]):
+                _add_glint(pixels, v0, place[0], glint, per_line, w)
+        _cut_out(pixels, v0, top, bottom, edge, wall)
         for row in range(pixels.size):
             image[row, j] = pixels[row]
 
@@ -395,40 +433,51 @@ def _even(first, step, count):
 @njit(cache=True, error_model="numpy")
 def fast_images(
     poses, v0, rows, nodes, blend, first, per_line, half, weights, edge, stations,
-    centre, rotations, inner, lens, lamp, lamp_line, surface, radius,
+    centre, rotations, inner, lens, lamp, lamp_first, lamp_lines, surface, radius,
 ):  # fmt: skip
     """Render one image a pose [image, row, column]; status 0, or why the body does not fit.
 
-    Status 1: some column mirrors no lamp; 2: the cylinder ends within the window.
+    `lamp_first` tells where each lamp's samples begin, and where the last one's end; `lamp_lines`
+    [lamp, 3] are points on the lamps' centre lines. Only the first lamp has to be mirrored.
+    Status 1: some column does not mirror it; 2: the cylinder ends within the window.
     """
     images = np.empty((poses.shape[0], rows, blend.shape[0]))
     offsets = _even(-half / per_line, 1.0 / per_line, 2 * half + 1)
+    n_lamps = lamp_lines.shape[0]
+    found = np.empty((n_lamps, nodes.size, 3))
+    bands = np.zeros((n_lamps, nodes.size, offsets.size))
     line = np.empty(3)
     for n in range(poses.shape[0]):
         pose = poses[n]
-        axes, eye, moved, along, up = _place(pose, centre, rotations[n], lamp)
-        x, y, z = lamp_line[0] - pose[0, 3], lamp_line[1] - pose[1, 3], lamp_line[2] - pose[2, 3]
-        _to_model(pose, x, y, z, line)
-        found = _nodes(nodes, v0, v0 + rows, inner, lens, axes, eye, radius, line, along)
+        axes, eye, moved, along = _place(pose, centre, rotations[n], lamp)
+        for k in range(n_lamps):
+            x, y, z = lamp_lines[k] - pose[:3, 3]
+            _to_model(pose, x, y, z, line)
+            found[k] = _nodes(nodes, v0, v0 + rows, inner, lens, axes, eye, radius, line, along)
         for i in range(nodes.size):
-            if math.isnan(found[i, 0]):
+            if math.isnan(found[0, i, 0]):
                 return images, 1
-            dx, dy, dz = _ray(nodes[i], found[i, 0], inner, lens, axes)
+            dx, dy, dz = _ray(nodes[i], found[0, i, 0], inner, lens, axes)
             px, _, _ = _hit(dx, dy, dz, eye, radius)
             if px < stations[0] or px > stations[1]:
                 return images, 2
-        glint = _sample(
-            nodes, found, offsets, True, inner, lens, axes, eye, moved, up, surface, radius
-        )
-        low, high = _matte_span(found, v0, rows)
+        for k in range(n_lamps):
+            if np.isnan(found[k, :, 0]).any():
+                found[k, :, 0] = math.nan
+                continue
+            own = moved[lamp_first[k] : lamp_first[k + 1]]
+            glint = _sample(
+                nodes, found[k], offsets, True, inner, lens, axes, eye, own, surface, radius
+            )
+            bands[k] = _blurred(glint, weights)
+        low, high = _matte_span(found[0], v0, rows)
         step = (high - low) / (_MATTE_SAMPLES - 1)
         coarse = _even(low, step, _MATTE_SAMPLES)
         matte = _sample(
-            nodes, found, coarse, False, inner, lens, axes, eye, moved, up, surface, radius
+            nodes, found[0], coarse, False, inner, lens, axes, eye, moved, surface, radius
         )
         fine = _refined(matte, _even(0.0, 1.0 / step, high - low + 1))
         _fill(
-            images[n], v0, found, _blurred(glint, weights), per_line, fine, low,
-            blend, first, edge, surface[4],
+            images[n], v0, found, bands, per_line, fine, low, blend, first, edge, surface[4],
         )  # fmt: skip
     return images, 0

@@ -118,15 +118,20 @@ def _constants(scene: Scene) -> dict[str, str]:
     """Return the numbers that stand in the fragment shader, as GLSL text."""
     surface = scene.surface
     samples = lamp_samples(scene)
-    points = ", ".join(f"vec4({', '.join(f'{x:.9e}' for x in each)})" for each in samples)
     return {
         "LAMP_COUNT": str(len(samples)),
-        "LAMP_SAMPLES": points,
+        "LAMP_SAMPLES": _vectors(samples[:, :4]),
+        "LAMP_BEAMS": _vectors(samples[:, 4:]),
+        "GGX": str(surface.distribution == "ggx").lower(),
         "ROUGHNESS_2": f"{surface.roughness**2:.9e}",
         "DIFFUSE_PART": f"{surface.diffuse:.9e}",
         "AMBIENT_PART": f"{surface.ambient:.9e}",
         "SPECULAR_PART": f"{surface.specular:.9e}",
     }
+
+
+def _vectors(values: Floats) -> str:
+    return ", ".join(f"vec4({', '.join(f'{x:.9e}' for x in each)})" for each in values)
 
 
 def _linear_renderer(pyrender: Any, width: int, height: int, constants: dict[str, str]) -> Any:

@@ -32,7 +32,8 @@ __all__ = ["RaytraceRenderer"]
 
 Floats = NDArray[np.float64]
 _NODE_SPACING = 47.0
-_SAMPLES_A_SIDE = 25
+_SPOT_M, _SPOT_SHARE = 1.0, 0.4  # lamps shorter than this light the columns less evenly
+_SAMPLES_TO_HALF = 5.1  # from the glint's middle to where it has half its height
 _FAINT = 1e-5
 _PROBLEMS = {
     1: "the body does not mirror the lamp into every column; move lamp or camera",
@@ -64,7 +65,7 @@ class RaytraceRenderer:
             )
         self._scene = scene
         gain = exposure_gain(scene)
-        self._nodes, self._first, self._blend = _column_nodes(window_columns(scene))
+        self._nodes, self._first, self._blend = _column_nodes(scene)
         self._per_line, self._half, self._weights = _profile_grid(scene)
         self._edge = _edge_table(Blur.of(scene))
         camera, body, surface = Pinhole.of(scene), scene.body, scene.surface
@@ -76,10 +77,15 @@ class RaytraceRenderer:
             camera.distortion,
         )
         # the exposure's gain scales every source of light, so that images come in grey levels
-        self._lamp = lamp_samples(scene) * [1.0, 1.0, 1.0, gain]
-        self._lamp_line = np.array(scene.lamp.centre_m)
+        lamps = (scene.lamp, *scene.other_lamps)
+        samples = [lamp_samples(scene, lamp) for lamp in lamps]
+        self._lamp = np.concatenate(samples)
+        self._lamp[:, 3] *= gain
+        self._lamp_first = np.cumsum([0, *map(len, samples)])
+        self._lamp_lines = np.array([lamp.centre_m for lamp in lamps])
         reflectance = [surface.roughness**2, surface.specular, surface.diffuse]
-        self._surface = np.array([*reflectance, surface.ambient * gain, surface.wall * gain])
+        around = [surface.ambient * gain, surface.wall * gain]
+        self._surface = np.array([*reflectance, *around, surface.distribution == "ggx"])
 
     def radiance(self, poses: Floats, *, parity: int = 0, turns: Floats | None = None) -> Floats:
         """Return one image a pose; see `Renderer.radiance`.
@@ -107,7 +113,8 @@ class RaytraceRenderer:
             np.broadcast_to(turned, (len(poses), 3, 3)),
             *lens,
             self._lamp,
-            self._lamp_line,
+            self._lamp_first,
+            self._lamp_lines,
             self._surface,
             self._scene.body.radius_m,
         )
@@ -131,9 +138,12 @@ class RaytraceRenderer:
         return integrate_lines(np.array(fine), subsamples=subsamples, blur=blur)
 
 
-def _column_nodes(columns: Floats) -> tuple[Floats, NDArray[np.int64], Floats]:
+def _column_nodes(scene: Scene) -> tuple[Floats, NDArray[np.int64], Floats]:
     """Return node columns, and each column's first node and four weights (cubic Lagrange)."""
-    intervals = max(3, int(np.ceil((columns.size - 1) / _NODE_SPACING)))
+    columns = window_columns(scene)
+    is_spot = any(lamp.length_m < _SPOT_M for lamp in (scene.lamp, *scene.other_lamps))
+    spacing = _NODE_SPACING * (_SPOT_SHARE if is_spot else 1.0)
+    intervals = max(3, int(np.ceil((columns.size - 1) / spacing)))
     span = max(columns[-1] - columns[0], 1.0)
     nodes = columns[0] + span * np.arange(intervals + 1) / intervals
     place = (columns - columns[0]) / span * intervals
@@ -148,25 +158,31 @@ def _column_nodes(columns: Floats) -> tuple[Floats, NDArray[np.int64], Floats]:
 def _profile_grid(scene: Scene) -> tuple[int, int, Floats]:
     """Return samples a line, samples on either side of the mirror line, the response's weights.
 
-    The band reaches to where the glint is 1e-5 of its peak, with a fifth to spare.
+    The band reaches to where the glint is 1e-5 of its peak, with a fifth to spare; or beyond the
+    window.
     """
     blur = Blur.of(scene)
-    reach = 1.2 * _glint_reach(scene)
-    per_line = int(np.ceil(_SAMPLES_A_SIDE / reach))
+    half_width, reach = _glint_reach(scene)
+    reach *= 1.2
+    per_line = int(np.ceil(_SAMPLES_TO_HALF / half_width))
     half = int(np.ceil((reach + 0.5 + blur.margin) * per_line)) + 2
     return per_line, half, _response_weights(1.0 / per_line, blur)
 
 
-def _glint_reach(scene: Scene) -> float:
+def _glint_reach(scene: Scene) -> tuple[float, float]:
+    """Return how far the static glint reaches at half its height, and at all [field lines]."""
     camera = Pinhole.of(scene)
     pose = StaticMotion(scene).pose(np.zeros(()))
     middle = window_columns(scene)[scene.sensor.columns // 2 : scene.sensor.columns // 2 + 1]
     u, v = camera.project(mirror_points(scene, pose, middle))
-    offsets = np.linspace(-30.0, 30.0, 2401)
+    most = float(scene.sensor.rows)
+    offsets = np.linspace(-most, most, 80 * scene.sensor.rows + 1)
     rays = camera.directions(u, v + offsets)
     points, normals = cylinder_hits(scene.body.radius_m, pose, camera.centre_m, rays)
     _, specular = reflection(scene, points, normals, camera.centre_m)
-    return float(np.max(np.abs(offsets[specular > _FAINT * np.nanmax(specular)])))
+    share = specular / np.nanmax(specular)
+    half, all_of_it = (np.max(np.abs(offsets[share > least])) for least in (0.5, _FAINT))
+    return float(half), float(all_of_it)
 
 
 def _edge_table(blur: Blur) -> Floats:

@@ -78,7 +78,7 @@ class Body(_Keys):
 
 @dataclass(frozen=True)
 class Lamp(_Keys):
-    """A long rectangular lamp parallel to tunnel X that shines straight down.
+    """A rectangular lamp, level and parallel to tunnel X; a spot if it is short.
 
     Attributes
     ----------
@@ -88,12 +88,19 @@ class Lamp(_Keys):
         Extent along X and along Y.
     radiance : float
         Radiance of its surface [arbitrary unit; the exposure is set by `Sensor.peak_level`].
+    aim_m : tuple of float or None
+        X, Y, Z of what it shines at; straight down if None.
+    beam : float
+        Its light falls off as the cosine of the angle to its aim to this power: 1 for a matte
+        surface, 50 for a narrow spot, 0 for a bulb [-].
     """
 
     centre_m: Annotated[_Place, Field(alias="centre")] = (0.0, -0.6, 1.5)
     length_m: Annotated[PositiveMetres, Field(alias="length")] = 3.0
     width_m: Annotated[PositiveMetres, Field(alias="width")] = 0.06
     radiance: _Positive = 1.0
+    aim_m: Annotated[_Place | None, Field(alias="aim")] = None
+    beam: _NotNegative = 1.0
 
 
 @dataclass(frozen=True)
@@ -102,10 +109,12 @@ class Surface(_Keys):
 
     Attributes
     ----------
+    distribution : {"beckmann", "ggx"}
+        Of the surface's slopes; GGX has the longer tails of worn metal.
     roughness : float
-        Beckmann's m, root mean square slope times sqrt 2; isotropic [-].
+        Its m: for Beckmann's root mean square slope times sqrt 2; isotropic [-].
     specular : float
-        Mirror reflectance of the metal [-].
+        Mirror reflectance at right angles [-].
     diffuse : float
         Lambertian albedo [-].
     ambient : float
@@ -114,8 +123,9 @@ class Surface(_Keys):
         Radiance of the far tunnel wall, seen past the body [as `Lamp.radiance`].
     """
 
+    distribution: Literal["beckmann", "ggx"] = "beckmann"
     roughness: _Positive = 0.040
-    specular: _NotNegative = 0.6
+    specular: _Share = 0.6
     diffuse: _NotNegative = 0.22
     ambient: _NotNegative = 0.05
     wall: _NotNegative = 0.006
@@ -272,6 +282,8 @@ class Scene(_Keys):
         Field rate, exposure, window and parity of the recording.
     body, lamp, surface, air, optics, sensor, recorder
         The parts; see their classes.
+    other_lamps : tuple of Lamp
+        Lamps besides the one whose glint is measured.
     shake : tuple of Shake
         How the camera vibrates.
     nose : {"left", "right"}
@@ -288,6 +300,7 @@ class Scene(_Keys):
     fields: Fields
     body: Body = Body()
     lamp: Lamp = Lamp()
+    other_lamps: Annotated[tuple[Lamp, ...], Field(alias="other_lamp")] = ()
     surface: Surface = Surface()
     optics: Optics = Optics()
     sensor: Sensor = Sensor()
