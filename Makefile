@@ -33,6 +33,7 @@ bench: $(VENV)/installed-bench
 
 coverage: $(VENV)/installed-dev
 	$(BIN)/python -m benchmarks.field_coverage
+	$(BIN)/python -m benchmarks.mean_coverage
 	$(BIN)/python -m benchmarks.inertial_coverage
 	$(BIN)/python -m benchmarks.camera_coverage
 	$(BIN)/python -m benchmarks.resection_coverage

@@ -11,7 +11,8 @@ half-vector and D the distribution of the surface's slopes, whose projection on 
 integrates to one: Beckmann's, :math:`D(c) = \exp(-(1/c^2 - 1)/m^2) / (\pi m^2 c^4)`, or that of
 Trowbridge and Reitz, called GGX, :math:`D(c) = m^2 / (\pi (1 + c^2 (m^2 - 1))^2)` [2]_. The
 geometry term is that of Kelemen and Szirmay-Kalos, 1/(v h)^2 [1]_: exact in the mirror direction
-and smooth everywhere. The reflectance is Schlick's, :math:`F(c) = \rho_s + (1 - \rho_s)(1 - c)^5` [3]_.
+and smooth everywhere. The reflectance is Schlick's [3]_,
+:math:`F(c) = \rho_s + (1 - \rho_s)(1 - c)^5`.
 
 .. [1] C. Kelemen and L. Szirmay-Kalos, "A Microfacet Based Coupled Specular-Matte BRDF Model with
    Importance Sampling", Eurographics short presentations, 2001.

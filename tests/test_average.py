@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy import linalg, stats
 
+from benchmarks import mean_coverage
 from glint_aoa.optical.average import MeanAngle, mean_angle
 from glint_aoa.optical.segments import segment_weights, segmented_covariance, variance_of
 from glint_aoa.optical.vibration import fit_vibration, folded
@@ -13,6 +14,7 @@ from render_sim.modes import modal_angles, paper_model_system
 RATE_HZ = 60.0
 NOISE_DEG = 0.0008
 LIMIT_DEG = 0.0005
+TWO_DOF = 1.3213  # Student's t of two degrees of freedom, 68.27 %
 METHODS = ("plain", "lines", "tapered", "process")
 
 
@@ -100,7 +102,8 @@ def test_what_a_fixed_method_keeps_of_a_vibration_is_predicted(method):
     for each in drawn:
         response = abs(each.weights @ np.exp(2j * np.pi * frequency * times()))
         own = NOISE_DEG * np.sqrt(each.weights @ each.weights)
-        assert each.std == pytest.approx(np.hypot(0.3 * response / np.sqrt(2), own), rel=0.3)
+        deviation = each.std / stats.t.ppf(stats.norm.cdf(1), each.dof)
+        assert deviation == pytest.approx(np.hypot(0.3 * response / np.sqrt(2), own), rel=0.3)
 
 
 def test_two_vibrations_are_told_apart():
@@ -206,7 +209,7 @@ def test_white_noise_has_no_lines_and_its_variance_as_covariance():
     assert len(white) >= 38  # one in a hundred is expected to show a line
     for each in white:
         assert not each.covariance[1:].any()
-        assert np.isinf(each.noise_dof)
+        assert 2 / each.uncertainty[0, 0] == pytest.approx(58, abs=0.1)  # mean and trend taken off
     assert np.mean([each.covariance[0] for each in white]) == pytest.approx(1, rel=0.1)
 
 
@@ -240,7 +243,7 @@ def test_a_long_record_with_gaps_everywhere_is_learnt_from_its_fullest_part():
 def test_the_variance_of_a_weighted_mean_is_its_quadratic_form():
     rng = np.random.default_rng(16)
     weights = rng.random(300)
-    covariance = segmented_covariance(sine(9.2, n_fields=300) + noise(rng, 300))
+    covariance, _ = segmented_covariance(sine(9.2, n_fields=300) + noise(rng, 300))
     matrix = linalg.toeplitz(np.pad(covariance, (0, 300 - covariance.size)))
     assert variance_of(weights, covariance) == pytest.approx(weights @ matrix @ weights, rel=1e-9)
 
@@ -254,18 +257,53 @@ def test_segment_weights_of_white_noise_are_flat_away_from_the_ends():
 
 def test_few_fields_and_none():
     got = mean_angle([1.0, 2.0, 3.0])
-    assert (got.mean, got.method) == (2.0, "plain")
-    assert got.std == pytest.approx(1 / np.sqrt(3))
+    assert (got.mean, got.method, got.dof) == (2.0, "plain", 2.0)
+    assert got.std == pytest.approx(TWO_DOF / np.sqrt(3), rel=1e-3)
     none = mean_angle([np.nan] * 5)
     assert np.isnan([none.mean, none.std, none.of(np.ones(5))]).all()
     assert np.isnan(mean_angle([1.0]).std)
 
 
+def test_the_uncertainty_of_three_fields_covers():
+    """Of 2,000 draws; without Student's t it would be 58 and 81 %."""
+    drawn = np.random.default_rng(17).normal(size=(2000, 3))
+    got = [mean_angle(each) for each in drawn]
+    error = np.abs([each.mean for each in got])
+    assert np.mean(error < [each.std for each in got]) == pytest.approx(0.683, abs=0.02)
+    assert np.mean(error < [each.expanded() for each in got]) == pytest.approx(0.95, abs=0.01)
+
+
 def test_expanded_uncertainty_adds_the_systematic_part():
-    got = mean_angle([1.0, 2.0, 3.0])
-    assert got.expanded(2.0) == pytest.approx(1.96 * np.hypot(got.std, 2.0))
+    got = MeanAngle(0.0, 0.5, "plain", np.ones(1))
+    assert got.expanded(2.0) == pytest.approx(1.96 * np.hypot(0.5, 2.0), rel=1e-4)
 
 
 def test_expanded_uncertainty_knows_how_well_the_noise_is_known():
-    got = MeanAngle(0.0, 1.0, "process", np.ones(1), dof=10.0)
-    assert got.expanded() == pytest.approx(2.228, abs=0.001)  # Student's t, tabulated
+    """Student's t of ten degrees of freedom, tabulated: 1.053 for 68.27 %, 2.228 for 95 %."""
+    got = MeanAngle(0.0, 1.053, "process", np.ones(1), dof=10.0)
+    assert got.expanded() == pytest.approx(2.228, abs=0.002)
+
+
+def test_the_degrees_of_freedom_of_segments_are_those_of_their_scatter():
+    rng = np.random.default_rng(18)
+    drawn = [segmented_covariance(rng.normal(size=600)) for _ in range(400)]
+    slow = np.array([2 * lags.sum() - lags[0] for lags, _ in drawn])
+    assert slow.mean() == pytest.approx(1.0, abs=0.03)
+    assert 2 * (slow.mean() / slow.std()) ** 2 == pytest.approx(drawn[0].dof, rel=0.25)
+
+
+def test_a_stated_noise_steadies_what_segments_tell():
+    angle = np.random.default_rng(19).normal(size=250)
+    alone, stated = segmented_covariance(angle), segmented_covariance(angle, noise=1.0)
+    assert stated.dof > alone.dof + 3
+    departures = [abs(2 * lags.sum() - lags[0] - 1) for lags, _ in (alone, stated)]
+    assert departures[1] < departures[0]
+
+
+@pytest.mark.parametrize(("kind", "n_fields"), [("still", 60), ("sine", 60), ("modulated", 300)])
+def test_the_stated_intervals_cover(kind, n_fields):
+    """A hundred draws of what `python -m benchmarks.mean_coverage` draws thousands of."""
+    (row,) = mean_coverage.coverage(100, 3, cases=[(kind, n_fields)])
+    assert row.largest_deg < LIMIT_DEG
+    assert row.one_sigma == pytest.approx(68.3, abs=8)
+    assert row.ninety_five == pytest.approx(95, abs=5)

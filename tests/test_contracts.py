@@ -347,9 +347,9 @@ def test_results_are_as_the_contract_says(program, rng, tmp_path):
     assert (log[0]["n_fields"], log[0]["n_used"]) == ("12", "11")
     mean = float(log[0]["mean_angle_deg"])
     assert abs(mean - 2.0) < 2 * tolerance(filmed.angle_bound_deg, 11)
-    assert float(log[0]["mean_angle_u95_deg"]) == pytest.approx(
-        1.96 * float(log[0]["mean_angle_std_deg"]), rel=0.01
-    )
+    # Student's t: 1.96 if the noise were known, 2.14 from eleven fields and their trend alone.
+    factor = float(log[0]["mean_angle_u95_deg"]) / float(log[0]["mean_angle_std_deg"])
+    assert 1.97 < factor < 2.14
 
     with xr.open_dataset(out / "p-1.nc", engine="h5netcdf") as stored:
         more = {"angle_raw_deg", "angle_systematic_std_deg"}

@@ -2,12 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import signal, stats
+from scipy import signal
 
+from glint_aoa.optical._small_sample import LearntVariance, student
 from glint_aoa.optical.segments import segment_weights, segmented_covariance, variance_of
 from glint_aoa.optical.vibration import Vibration, VibrationLine, fit_vibration
 
@@ -20,10 +21,13 @@ MeanMethod = Literal["plain", "lines", "tapered", "process"]
 _LEAST_FIELDS = 8  # to see a vibration in
 _MOST_FIELDS = 240  # for a likelihood; longer records are taken in segments
 _COVERAGE = 1.96  # of a normal distribution's 95 %
+_NINETY_FIVE = 0.975  # probability below its end
 _AS_GOOD = 1.02  # a simpler method may have this much more standard deviation
 _KAISER = (4.0, 6.0, 8.0, 10.0)  # shape: side lobes from -45 to -100 dB
 _AMPLITUDE_DEGREES = (0, 1, 2, 3, 4)
 """Degrees of the polynomials that the amplitude of a fitted line may follow."""
+_LEARNT: frozenset[MeanMethod] = frozenset({"lines", "process"})
+"""Methods whose weights follow what was learnt from the record."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +37,8 @@ class MeanAngle:
     Attributes
     ----------
     mean, std : float
-        The mean and its standard deviation, 1 sigma [as given].
+        The mean and its uncertainty, 1 sigma [as given]: within it lies the truth in 68 % of all
+        records, few fields and what was learnt from them allowed for.
     method : {"plain", "lines", "tapered", "process"}
         How it was taken; see `mean_angle`.
     weights : ndarray [field]
@@ -41,7 +46,7 @@ class MeanAngle:
     lines : tuple of VibrationLine
         Vibrations found, by frequency [Hz], as the fields show them: below half the field rate.
     dof : float
-        Degrees of freedom of `std`; infinite unless broad-band motion covers most of the noise.
+        Degrees of freedom of `std`: how well the variance is known.
     """
 
     mean: float
@@ -53,8 +58,8 @@ class MeanAngle:
 
     def expanded(self, systematic_std: float = 0.0) -> float:
         """Half the 95 % interval [as given], a systematic part included."""
-        own = self.std if np.isinf(self.dof) else self.std * _student(self.dof) / _COVERAGE
-        return _COVERAGE * float(np.hypot(own, systematic_std))
+        own = self.std * student(self.dof, _NINETY_FIVE) / student(self.dof)
+        return float(np.hypot(own, _COVERAGE * systematic_std))
 
     def of(self, values: ArrayLike) -> float:
         """Mean of other values [field] of the same fields, with the same weights."""
@@ -119,9 +124,14 @@ def mean_angle(
     -----
     The covariance is learnt from the record itself: up to 240 fields by `fit_vibration`, beyond
     from the spectra of segments; then ``"lines"`` is not offered and ``"process"`` stands in for
-    it. A motion slower than 1.5 cycles a record (of up to 240 fields) is a drift, and the mean is
-    that of the drifting angle. What aliases to so low a frequency, motion near a multiple of the
-    field rate, falls on the mean and cannot be told from it.
+    it. What learning leaves open is in the standard deviation, after Kenward and Roger (1997,
+    doi:10.2307/2533558) and by Student's t.
+
+    A motion slower than 1.5 cycles a record (of up to 240 fields) is a drift, and the mean is
+    that of the drifting angle: of a strong vibration no stated uncertainty is honest below 1.5
+    cycles of it, nor in much less than 20 fields. What aliases to so low a frequency, motion near
+    a multiple of the field rate, falls on the mean and cannot be told from it; under random
+    excitation up to the field rate 1 sigma may therefore cover less than 68 %.
     """
     angle = np.asarray(angle, np.float64)
     there = np.isfinite(angle)
@@ -138,72 +148,80 @@ def mean_angle(
     )
     found = _mean_of_short(angle, there, vibration, method)
     lines = tuple(_in_hz(line, rate_hz) for line in vibration.lines)
-    return replace(found, lines=lines, dof=vibration.noise_dof)
+    return replace(found, lines=lines)
 
 
-def _student(dof: float) -> float:
-    return float(stats.t.ppf(0.975, dof))
+@dataclass(frozen=True, eq=False)
+class _Offer:
+    """Weights, and what they make of the mean."""
+
+    weights: _Array
+    std: float
+    dof: float
+
+    @classmethod
+    def of(cls, weights: _Array, variance: float, dof: float) -> Self:
+        return cls(weights, float(np.sqrt(variance)) * student(dof), dof)
+
+    def mean_of(self, angle: _Array, method: MeanMethod) -> MeanAngle:
+        used = self.weights != 0
+        mean = float(self.weights[used] @ angle[used])
+        return MeanAngle(mean, self.std, method, self.weights, dof=self.dof)
 
 
 def _simple_mean(angle: _Array, there: NDArray[np.bool_]) -> MeanAngle:
     count = int(there.sum())
     if count == 0:
         return MeanAngle(np.nan, np.nan, "plain", np.zeros(angle.size))
-    std = angle[there].std(ddof=1) / np.sqrt(count) if count > 1 else np.nan
-    return MeanAngle(float(angle[there].mean()), float(std), "plain", there / count)
+    variance = float(angle[there].var(ddof=1)) / count if count > 1 else np.nan
+    return _Offer.of(there / count, variance, count - 1.0).mean_of(angle, "plain")
 
 
 def _mean_of_short(
     angle: _Array, there: NDArray[np.bool_], vibration: Vibration, method: str
 ) -> MeanAngle:
     place = np.flatnonzero(there)
-    covariance = vibration.covariance[np.abs(place[:, None] - place)]
-    inverse, trend = np.linalg.inv(covariance), vibration.trend
+    variance, gls = LearntVariance.of_vibration(vibration, place, angle[there])
     span = int(place[-1] - place[0]) + 1
-    gls = np.linalg.solve(trend.T @ inverse @ trend, trend.T @ inverse)
-    drift = trend[:, 1:] @ (gls @ angle[there])[1:]
-    offered: dict[MeanMethod, list[_Array]] = {
+    weights: dict[MeanMethod, list[_Array]] = {
         "plain": [np.full(place.size, 1 / place.size)],
         "lines": _line_weights(vibration, place),
         "tapered": [_normalised(each[place - place[0]]) for each in _tapers(span)],
-        "process": [gls[0]],
+        "process": [gls],
     }
 
-    def std(weights: _Array) -> float:
-        return float(np.sqrt(weights @ covariance @ weights + (weights @ drift) ** 2))
+    def offer(name: MeanMethod, each: _Array) -> _Offer:
+        whole = np.zeros(angle.size)
+        whole[there] = each
+        return _Offer.of(whole, *variance.of(each, learnt=name in _LEARNT))
 
-    best = {name: min(each, key=std) for name, each in offered.items()}
-    chosen = _choice({name: std(weights) for name, weights in best.items()}, method)
-    weights = np.zeros(angle.size)
-    weights[there] = best[chosen]
-    return MeanAngle(float(best[chosen] @ angle[there]), std(best[chosen]), chosen, weights)
+    offered = {name: [offer(name, each) for each in some] for name, some in weights.items()}
+    return _best_mean(angle, offered, method)
 
 
 def _mean_of_long(
     angle: _Array, there: NDArray[np.bool_], method: str, noise: float | None
 ) -> MeanAngle:
-    covariance = segmented_covariance(angle, noise=noise)
-    offered: dict[MeanMethod, list[_Array]] = {
+    covariance, dof = segmented_covariance(angle, noise=noise)
+    weights: dict[MeanMethod, list[_Array]] = {
         "plain": [there / there.sum()],
         "tapered": [_normalised(each * there) for each in _tapers(angle.size)],
         "process": [_normalised(segment_weights(there, covariance))],
     }
-
-    def std(weights: _Array) -> float:
-        return float(np.sqrt(variance_of(weights, covariance)))
-
-    best = {name: min(each, key=std) for name, each in offered.items()}
-    wanted = "process" if method == "lines" else method
-    chosen = _choice({name: std(weights) for name, weights in best.items()}, wanted)
-    mean = float(best[chosen][there] @ angle[there])
-    return MeanAngle(mean, std(best[chosen]), chosen, best[chosen])
+    offered = {
+        name: [_Offer.of(each, variance_of(each, covariance), dof) for each in some]
+        for name, some in weights.items()
+    }
+    return _best_mean(angle, offered, "process" if method == "lines" else method)
 
 
-def _choice(predicted: dict[MeanMethod, float], method: str) -> MeanMethod:
-    """Choose the first, simplest method nearly as good as the best, unless one is asked for."""
-    asked = [name for name in predicted if name == method]
-    enough = _AS_GOOD * min(predicted.values())
-    return (asked or [name for name, std in predicted.items() if std <= enough])[0]
+def _best_mean(angle: _Array, offered: dict[MeanMethod, list[_Offer]], method: str) -> MeanAngle:
+    """Take the first, simplest method nearly as good as the best, unless one is asked for."""
+    best = {name: min(some, key=lambda each: each.std) for name, some in offered.items()}
+    enough = _AS_GOOD * min(each.std for each in best.values())
+    good: list[MeanMethod] = [name for name, each in best.items() if each.std <= enough]
+    chosen = next((name for name in best if name == method), good[0])
+    return best[chosen].mean_of(angle, chosen)
 
 
 def _line_weights(vibration: Vibration, place: NDArray[np.int64]) -> list[_Array]:

@@ -12,15 +12,17 @@ doi:10.1093/biomet/58.3.545), which knows that mean and trend are fitted too.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, cached_property
+from itertools import accumulate, pairwise
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
-from scipy.linalg import lapack
 
-__all__ = ["Vibration", "VibrationLine", "fit_vibration", "folded"]
+from glint_aoa.optical._likelihood_kernel import restricted_likelihood
+
+__all__ = ["Vibration", "VibrationLine", "fit_vibration", "folded", "trust_in_noise"]
 
 _Array = NDArray[np.float64]
 
@@ -36,8 +38,8 @@ _NOISE_TRUST = 0.4  # 1 sigma of the logarithm of a variance that the caller sta
 _EXCESS_TRUST = 0.8  # and upwards: what aliases to slow motion looks like more noise
 _EDGE_ORDER = 16  # of the floor's edge, as a filter's
 _EDGE_START = 0.5  # of the frequency of the lowest line
-_FREQUENCIES = (np.arange(512) + 0.5) / 1024  # at which a floor's spectrum is held
-_COARSE, _FINE = 1e-6, 1e-10  # relative change of the likelihood at which to stop
+_FREQUENCIES = (np.arange(256) + 0.5) / 512  # at which a floor's spectrum is held
+_COARSE, _FINE = 3e-5, 1e-10  # relative change of the likelihood at which to stop
 _FREE = 1e3  # prior variance of a parameter that nothing is known of
 _TREND = 1  # degree
 _CURVED_TREND = 3
@@ -71,19 +73,20 @@ class Vibration:
     lines : tuple of VibrationLine
         Vibration lines by frequency, cycles a field.
     covariance : ndarray [lag]
-        Covariance of noise and vibration over the lag in fields, averaged over what the record
-        leaves open of the noise and the edge of the floor.
+        Covariance of noise and vibration over the lag in fields [unit of the angle, squared].
     trend : ndarray [field, term]
         Ones, then the terms of the slow trend, without mean over the measured fields.
-    noise_dof : float
-        Degrees of freedom of the noise's variance where broad-band motion leaves only what lies
-        below its edge to tell it; infinite without such motion.
+    changes : ndarray [parameter, lag]
+        Derivatives of `covariance` to its parameters.
+    uncertainty : ndarray [parameter, parameter]
+        Covariance of the parameters as the record tells them.
     """
 
     lines: tuple[VibrationLine, ...]
     covariance: _Array
     trend: _Array
-    noise_dof: float = np.inf
+    changes: _Array
+    uncertainty: _Array
 
 
 def folded(frequency: float) -> float:
@@ -124,10 +127,10 @@ class _Floor:
     shape: _Array  # [frequency], spectrum without the edge
 
     def lags(self, theta: _Array, lag: _Array) -> list[_Array]:
-        passed = 1 / (1 + (np.exp(theta[1]) / _FREQUENCIES) ** _EDGE_ORDER)
+        passed = 1 / (1 + np.exp(_EDGE_ORDER * (theta[1] - np.log(_FREQUENCIES))))
         spectrum = np.exp(theta[0]) * self.shape * passed
         moved = -_EDGE_ORDER * spectrum * (1 - passed)
-        value, slope = (_cosines(lag.size) @ np.stack([spectrum, moved], axis=1)).T
+        value, slope = np.stack([spectrum, moved]) @ _cosines(lag.size)
         return [value, value, slope]
 
 
@@ -165,10 +168,24 @@ class _Record:
     def length(self) -> int:
         return int(self.place[-1] - self.place[0]) + 1
 
+    @cached_property
+    def waves(self) -> tuple[_Array, list[_Array]]:
+        """Cycles a record to look for a line at, and cosines and sines [measured, cycles]."""
+        cycles = np.arange(_LEAST_CYCLES, self.length / 2, 1 / 8)
+        turn = 2 * np.pi / self.length * np.outer(self.place, cycles)
+        return cycles, [np.cos(turn), np.sin(turn)]
+
     def spread(self, covariance: _Array) -> _Array:
         """Matrix [measured, measured] of a covariance [lag]."""
         spread: _Array = covariance[self.lag]
         return spread
+
+    def likelihood(self, covariance: _Array) -> tuple[float, _Array, _Array]:
+        """Cost of a covariance [lag], K^-1 without the trend, and the cost's derivatives [lag]."""
+        projector, by_lag = np.empty(self.lag.shape), np.empty(self.length)
+        trend, angle = self.trend, self.angle
+        cost = restricted_likelihood(covariance, self.place, trend, angle, projector, by_lag)
+        return cost, projector, by_lag
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,10 +201,11 @@ class _Fit:
         return [part[0] for part in _lags(self.record, self.terms, self.theta)]
 
     def projector(self) -> _Array:
-        whole = _restricted(self.record, np.sum(self.covariances(), axis=0))
-        if whole is None:  # pragma: no cover  the optimiser has been here
+        """K^-1 without the trend."""
+        cost, projector, _ = self.record.likelihood(np.sum(self.covariances(), axis=0))
+        if np.isinf(cost):  # pragma: no cover  the optimiser has been here
             raise FloatingPointError("covariance is not positive definite")
-        return whole[0]
+        return projector
 
 
 def fit_vibration(
@@ -222,8 +240,7 @@ def fit_vibration(
     -----
     Motion slower than 1.5 cycles a record cannot be told from a drift. Two lines closer than
     about half a cycle a record are found as one whose amplitude wanders. Without `noise`, strong
-    broad-band motion leaves only the few bins below its edge to tell the noise: the variance of
-    the mean is then known to a factor of about two.
+    broad-band motion leaves only the few bins below its edge to tell the noise.
     """
     there = np.flatnonzero(np.isfinite(angle))
     scale = float(angle[there].std())
@@ -232,14 +249,13 @@ def fit_vibration(
     record = _Record(centred, there, _trend(there, _TREND), known)
     fit = _search(_first_fit(record, given), [folded(each) for each in candidates])
     fit = _fitted(fit.record, fit.terms, [fit.theta], tolerance=_FINE)
-    lines = _found(fit, scale)
-    # The likelihood knows of mean and trend; frequency and bandwidth of a line are fitted as well.
-    fitted_too = there.size / max(1, there.size - 2 * len(lines))
+    changes = _changes(fit)
     return Vibration(
-        tuple(sorted(lines, key=lambda line: line.frequency)),
-        fitted_too * scale**2 * _averaged(fit),
+        tuple(sorted(_found(fit, scale), key=lambda line: line.frequency)),
+        scale**2 * np.sum(fit.covariances(), axis=0),
         fit.record.trend,
-        2 / float(_uncertainty(fit)[0, 0]) if _has_floor(fit) else np.inf,
+        scale**2 * changes,
+        _uncertainty(fit, changes),
     )
 
 
@@ -335,8 +351,8 @@ def _skirts(lines: Sequence[_Array], length: int) -> _Array:
 
 @cache
 def _cosines(n_lags: int) -> _Array:
-    """Covariance [lag] of a spectrum [frequency] of unit mean and variance."""
-    turn = 2 * np.pi * np.outer(np.arange(n_lags), _FREQUENCIES)
+    """Return what each frequency of a spectrum adds to the covariance [frequency, lag]."""
+    turn = 2 * np.pi * np.outer(_FREQUENCIES, np.arange(n_lags))
     return np.asarray(np.cos(turn) / _FREQUENCIES.size, np.float64)
 
 
@@ -354,10 +370,12 @@ def _line(record: _Record, start: _Array, *, fixed: bool = False) -> _Line:
 def _peak(fit: _Fit, projector: _Array) -> tuple[float, float, float]:
     """Cycles a record, height over expectation and variance of the strongest line not fitted."""
     record = fit.record
-    cycles = np.arange(_LEAST_CYCLES, record.length / 2, 1 / 8)
-    wave = np.exp(-2j * np.pi / record.length * np.outer(record.place, cycles))
-    power = np.abs(wave.T @ (projector @ record.angle)) ** 2
-    expected = np.einsum("ic,ic->c", wave.conj(), projector @ wave).real
+    cycles, waves = record.waves
+    whitened = projector @ record.angle
+    power, expected = np.zeros(cycles.size), np.zeros(cycles.size)
+    for wave in waves:
+        power += (whitened @ wave) ** 2
+        expected += np.einsum("ic,ic->c", wave, projector @ wave)
     height = power / np.maximum(expected, np.finfo(float).tiny)
     top = int(height.argmax())
     variance = 2 * power[top] / max(expected[top], np.finfo(float).tiny) ** 2
@@ -365,8 +383,8 @@ def _peak(fit: _Fit, projector: _Array) -> tuple[float, float, float]:
 
 
 def _by_term(terms: Sequence[_Term], theta: _Array) -> list[_Array]:
-    ends = np.cumsum([len(term.bounds) for term in terms])
-    return np.split(theta, ends[:-1])
+    ends = list(accumulate(len(term.bounds) for term in terms))
+    return [theta[low:high] for low, high in pairwise([0, *ends])]
 
 
 def _lags(record: _Record, terms: Sequence[_Term], theta: _Array) -> list[list[_Array]]:
@@ -385,23 +403,18 @@ def _fitted(
     """Maximise the restricted likelihood from `start`."""
     bounds = [pair for term in terms for pair in term.bounds]
     low, high = np.array(bounds).T
-    flat = record.lag.ravel()
 
     def cost(theta: _Array) -> tuple[float, _Array]:
         lags = _lags(record, terms, theta)
-        whole = _restricted(record, np.sum([part[0] for part in lags], axis=0))
-        if whole is None:
+        value, _, by_lag = record.likelihood(np.sum([part[0] for part in lags], axis=0))
+        if np.isinf(value):
             return 1e10, np.zeros_like(theta)
-        projector, log_det = whole
-        whitened = projector @ record.angle
-        departure = projector - np.outer(whitened, whitened)
-        by_lag = np.bincount(flat, departure.ravel(), minlength=record.length)
-        gradient = np.array([by_lag @ each / 2 for part in lags for each in part[1:]])
-        value = (log_det + record.angle @ whitened) / 2
+        gradient = np.array([by_lag @ each for part in lags for each in part[1:]])
         if record.noise is not None:
-            off, trust = _departure(theta[0], record.noise)
+            off = theta[0] - record.noise
+            trust = trust_in_noise(off)
             value, gradient[0] = value + (off / trust) ** 2 / 2, gradient[0] + off / trust**2
-        return float(value), gradient
+        return value, gradient
 
     found = optimize.minimize(
         cost,
@@ -414,24 +427,15 @@ def _fitted(
     return _Fit(record, tuple(terms), found.x, float(found.fun))
 
 
-def _departure(log_variance: float, stated: float) -> tuple[float, float]:
-    """By how much a noise departs from that stated, and 1 sigma of such a departure."""
-    off = log_variance - stated
-    return off, _NOISE_TRUST if off < 0 else _EXCESS_TRUST
+def trust_in_noise(off: float) -> float:
+    """How far a variance may well depart from the stated noise, 1 sigma of its logarithm.
 
-
-def _restricted(record: _Record, covariance: _Array) -> tuple[_Array, float] | None:
-    """K^-1 without the trend, and log |K| + log |X' K^-1 X|; None if K is not positive."""
-    factor, failed = lapack.dpotrf(record.spread(covariance), lower=1)
-    if failed:
-        return None
-    lower, _ = lapack.dpotri(factor, lower=1)
-    inverse = lower + lower.T
-    inverse[np.diag_indices_from(inverse)] /= 2
-    half = inverse @ record.trend
-    normal = record.trend.T @ half
-    log_det = 2 * np.log(np.diag(factor)).sum() + np.linalg.slogdet(normal)[1]
-    return inverse - half @ np.linalg.solve(normal, half.T), float(log_det)
+    Parameters
+    ----------
+    off : float
+        Logarithm of the variance over that stated: beyond it, motion may be in it as well.
+    """
+    return _NOISE_TRUST if off < 0 else _EXCESS_TRUST
 
 
 def _found(fit: _Fit, scale: float) -> list[VibrationLine]:
@@ -447,31 +451,22 @@ def _found(fit: _Fit, scale: float) -> list[VibrationLine]:
     return lines
 
 
-def _averaged(fit: _Fit) -> _Array:
-    """Covariance [lag] averaged over the uncertainty of noise and floor (sigma points)."""
-    n_own = 3 if _has_floor(fit) else 1
-    spread = np.linalg.cholesky(_uncertainty(fit)[:n_own, :n_own]) * np.sqrt(n_own)
-    low, high = np.array([pair for term in fit.terms for pair in term.bounds]).T
-    points = []
-    for step in (*spread.T, *-spread.T):
-        theta = fit.theta.copy()
-        theta[:n_own] += step
-        lags = _lags(fit.record, fit.terms, np.clip(theta, low, high))
-        points.append(np.sum([part[0] for part in lags], axis=0))
-    averaged: _Array = np.mean(points, axis=0)
-    return averaged
+def _changes(fit: _Fit) -> _Array:
+    """Differentiate the covariance [parameter, lag]; zero for what is held."""
+    lags = [each for part in _lags(fit.record, fit.terms, fit.theta) for each in part[1:]]
+    held = [low == high for term in fit.terms for low, high in term.bounds]
+    return np.where(np.array(held)[:, None], 0.0, np.stack(lags))
 
 
-def _uncertainty(fit: _Fit) -> _Array:
+def _uncertainty(fit: _Fit, changes: _Array) -> _Array:
     """Covariance of the parameters from their Fisher information, weak priors added."""
     projector = fit.projector()
-    lags = [each for part in _lags(fit.record, fit.terms, fit.theta) for each in part[1:]]
-    moved = [projector @ fit.record.spread(each) for each in lags]
-    information = np.array([[np.sum(one * other.T) / 2 for one in moved] for other in moved])
-    information += np.eye(len(lags)) / _FREE
+    moved = projector @ changes[:, fit.record.lag]
+    information = np.einsum("aij,bji->ab", moved, moved, optimize=True) / 2
+    information += np.eye(len(moved)) / _FREE
     if _has_floor(fit):
         information[1:3, 1:3] += np.eye(2)  # level and edge: known to a factor of e at worst
     if fit.record.noise is not None:
-        information[0, 0] += 1 / _departure(fit.theta[0], fit.record.noise)[1] ** 2
+        information[0, 0] += trust_in_noise(fit.theta[0] - fit.record.noise) ** -2
     inverse: _Array = np.linalg.inv(information)
     return inverse
