@@ -36,7 +36,7 @@ def lamp_samples(scene: Scene, lamp: Lamp | None = None) -> Floats:
     """Return the sample points of a lamp, or of all.
 
     They lie 1.2 standard deviations of the reflection's lobe on the lamp apart, for which the sum
-    over them differs from the integral by some 2e-5.
+    over them differs from the integral by some 2e-5; half as far for GGX, whose top is sharper.
 
     Parameters
     ----------
@@ -57,7 +57,8 @@ def lamp_samples(scene: Scene, lamp: Lamp | None = None) -> Floats:
         )
     centre = np.array(lamp.centre_m)
     reach = float(np.linalg.norm(centre)) - scene.body.radius_m
-    spacing = 1.2 * np.sqrt(2.0) * scene.surface.roughness * reach
+    apart = 0.6 if scene.surface.distribution == "ggx" else 1.2
+    spacing = apart * np.sqrt(2.0) * scene.surface.roughness * reach
     along = int(np.ceil(lamp.length_m / spacing))
     across = 1 + int(np.ceil(lamp.width_m / spacing))
     x = ((np.arange(along) + 0.5) / along - 0.5) * lamp.length_m

@@ -32,7 +32,7 @@ __all__ = ["RaytraceRenderer"]
 
 Floats = NDArray[np.float64]
 _NODE_SPACING = 47.0
-_SPOT_M, _SPOT_SHARE = 1.0, 0.4  # lamps shorter than this light the columns less evenly
+_SPOT_M, _SPOT_SHARE = 1.0, 0.25  # lamps shorter than this light the columns less evenly
 _SAMPLES_TO_HALF = 5.1  # from the glint's middle to where it has half its height
 _FAINT = 1e-5
 _PROBLEMS = {

@@ -9,8 +9,9 @@ from glint_aoa.errors import InputError, MissingLibraryError
 from render_sim.bodies import fuselage_mesh
 from render_sim.motion import StaticMotion
 from render_sim.raytrace import RaytraceRenderer
+from render_sim.recorder import camera_turns
 from render_sim.renderer import make_renderer
-from render_sim.scene import Body, Scene, paper_scene
+from render_sim.scene import Body, Lamp, Optics, Scene, Shake, Surface, paper_scene
 
 
 def still(scene: Scene, pitch_deg: float = 0.0, yaw_deg: float = 0.0) -> np.ndarray:
@@ -25,9 +26,9 @@ def opengl(scene: Scene):
         pytest.skip(str(error))
 
 
-def centres(image: np.ndarray) -> np.ndarray:
+def centres(image: np.ndarray, like: np.ndarray | None = None) -> np.ndarray:
     rows = np.arange(image.shape[0], dtype=np.float64)[:, None]
-    near = np.abs(rows - image.argmax(axis=0)) <= 7
+    near = np.abs(rows - (image if like is None else like).argmax(axis=0)) <= 7
     weights = (image - image[-5:].mean()) * near
     return (rows * weights).sum(axis=0) / weights.sum(axis=0)
 
@@ -46,6 +47,33 @@ def test_both_renderers_show_the_same_glint(pitch, yaw, parity):
     np.testing.assert_allclose(centres(drawn), centres(traced), atol=2e-3, rtol=0)
     assert angle_deg(centres(drawn)) == pytest.approx(angle_deg(centres(traced)), abs=1e-4)
     np.testing.assert_allclose(drawn, traced, atol=0.6, rtol=0)
+
+
+@pytest.mark.parametrize(
+    "light",
+    [
+        {"surface": Surface(distribution="ggx", roughness=0.02)},
+        {"other_lamps": (Lamp(centre_m=(0.1, -0.5, 0.9), length_m=0.05, aim_m=(0, 0, 0), beam=8),)},
+        {"optics": Optics(blur_lines=0.3, defocus_m=40e-6, f_number=5.6)},
+    ],
+    ids=["GGX", "a spot", "defocus"],
+)
+def test_both_renderers_show_the_same_glint_in_other_light(light):
+    scene = replace(paper_scene(), **light)
+    pose = still(scene, 2.0)
+    drawn, traced = opengl(scene).radiance(pose)[0], RaytraceRenderer(scene).radiance(pose)[0]
+    centre = centres(drawn, traced)
+    np.testing.assert_allclose(centre, centres(traced), atol=2e-3, rtol=0)
+    assert angle_deg(centre) == pytest.approx(angle_deg(centres(traced)), abs=1e-4)
+
+
+def test_both_renderers_turn_the_camera_alike():
+    scene = paper_scene()
+    pose, turns = still(scene), camera_turns((Shake("roll", 0.01, 1.0, np.pi / 2),), np.zeros(1))
+    drawn = opengl(scene).radiance(pose, turns=turns)[0]
+    traced = RaytraceRenderer(scene).radiance(pose, turns=turns)[0]
+    assert abs(angle_deg(centres(traced))) > 0.5
+    np.testing.assert_allclose(centres(drawn), centres(traced), atol=2e-3, rtol=0)
 
 
 def test_a_turned_camera_shows_the_same_glint():

@@ -8,7 +8,7 @@ from scipy.integrate import quad
 
 from glint_aoa.errors import InputError
 from render_sim.bodies import cylinder_hits, fuselage_mesh
-from render_sim.light import lamp_samples, radiance, reflection
+from render_sim.light import _distribution, lamp_samples, radiance, reflection
 from render_sim.motion import StaticMotion
 from render_sim.pixel import (
     Blur,
@@ -20,7 +20,7 @@ from render_sim.pixel import (
 from render_sim.projection import Pinhole, window_columns, window_lines
 from render_sim.raytrace import RaytraceRenderer
 from render_sim.renderer import make_renderer
-from render_sim.scene import Body, Scene, paper_scene
+from render_sim.scene import Body, Lamp, Optics, Scene, Surface, paper_scene
 
 LENS = (-0.2, 0.1, 5e-4, -5e-4, 0.0)
 
@@ -36,10 +36,10 @@ def small_scene(columns: int = 12) -> Scene:
     return replace(scene, fields=fields, sensor=replace(scene.sensor, columns=columns))
 
 
-def centres(image: np.ndarray) -> np.ndarray:
+def centres(image: np.ndarray, like: np.ndarray | None = None) -> np.ndarray:
     """Column centroids above the level of the window's end [lines]."""
     rows = np.arange(image.shape[0], dtype=np.float64)[:, None]
-    near = np.abs(rows - image.argmax(axis=0)) <= 7
+    near = np.abs(rows - (image if like is None else like).argmax(axis=0)) <= 7
     weights = (image - image[-5:].mean()) * near
     return (rows * weights).sum(axis=0) / weights.sum(axis=0)
 
@@ -64,6 +64,89 @@ def test_fast_image_is_the_brute_force_image(pitch, yaw, parity, lens):
     # the largest differences are where the body's edge, grazed, is interpolated
     np.testing.assert_allclose(fast, slow, atol=0.5, rtol=0)
     assert np.sqrt(np.mean((fast - slow) ** 2)) < 0.05
+
+
+OTHER_LIGHT = {
+    "GGX": {"surface": Surface(distribution="ggx", roughness=0.02)},
+    "a spot": {
+        "other_lamps": (
+            Lamp(centre_m=(0.1, -0.5, 0.9), length_m=0.05, aim_m=(0, 0, 0), beam=8, radiance=40),
+        )
+    },
+    "two long lamps": {"other_lamps": (Lamp(centre_m=(0.0, -1.2, 1.2), radiance=0.4),)},
+    "defocus": {"optics": Optics(blur_lines=0.3, defocus_m=40e-6, f_number=5.6)},
+}
+
+
+@pytest.mark.parametrize("light", OTHER_LIGHT.values(), ids=OTHER_LIGHT)
+def test_fast_image_is_the_brute_force_image_in_other_light(light):
+    scene = replace(paper_scene(), **light)
+    renderer = RaytraceRenderer(scene)
+    pose = still(scene, 2.0)
+    fast, slow = renderer.radiance(pose)[0], renderer.brute_force(pose, subsamples=8)[0]
+    np.testing.assert_allclose(centres(fast, slow), centres(slow), atol=1e-3, rtol=0)
+    np.testing.assert_allclose(fast, slow, atol=0.6, rtol=0)
+
+
+def test_a_lamp_behind_the_body_that_is_mirrored_nowhere_is_no_error():
+    behind = Lamp(centre_m=(0.0, 3.0, 0.3))
+    scene = replace(paper_scene(), other_lamps=(behind,))
+    alone = RaytraceRenderer(paper_scene()).radiance(still(scene))[0]
+    image = RaytraceRenderer(scene).radiance(still(scene))[0]
+    np.testing.assert_allclose(image[24:], alone[24:], atol=0.05)
+    with pytest.raises(InputError, match="^the body does not mirror the lamp into every column;"):
+        RaytraceRenderer(replace(scene, lamp=behind))
+
+
+def test_ggx_has_the_longer_tails():
+    scene = paper_scene()
+    other = replace(scene, surface=replace(scene.surface, distribution="ggx"))
+    near, far = np.array([0.9995, 0.97])
+    usual, tailed = (_distribution(np.array([near, far]), each.surface) for each in (scene, other))
+    assert 0.5 < usual[0] / tailed[0] < 1.5
+    assert tailed[1] > 100 * usual[1]
+
+
+@pytest.mark.parametrize("distribution", ["beckmann", "ggx"])
+def test_slopes_project_to_the_whole_surface(distribution):
+    surface = Surface(distribution=distribution, roughness=0.3)
+
+    def projected(angle):
+        cosine = np.cos(angle)
+        return 2 * np.pi * np.sin(angle) * cosine * _distribution(cosine**2, surface)
+
+    whole, _ = quad(projected, 0, np.pi / 2)
+    assert whole == pytest.approx(1.0, abs=1e-6)
+
+
+def test_grazing_light_is_mirrored_by_anything():
+    surface = replace(paper_scene().surface, specular=0.04, diffuse=0.0)
+    lamp = Lamp(centre_m=(0.0, 1.0, 0.05), width_m=0.5, beam=0.0)
+    dull = replace(paper_scene(), surface=surface, lamp=lamp)
+    metal = replace(dull, surface=replace(surface, specular=0.96))
+    seen = np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]])
+    at_grazing, above = np.array([0.0, -1.0, 0.05]), np.array([0.0, -1.0, 1.0])
+    over = replace(lamp, centre_m=(0.0, 1.0, 1.0))
+
+    def ratio(eye, lamp):
+        one, other = (replace(each, lamp=lamp) for each in (dull, metal))
+        return float((radiance(one, *seen, eye) / radiance(other, *seen, eye))[0])
+
+    # Schlick's reflectance at 87 degrees, and at 45
+    assert ratio(at_grazing, lamp) == pytest.approx(0.78, abs=0.03)
+    assert ratio(above, over) == pytest.approx((0.04 + 0.96 * 0.293**5) / 0.96, rel=0.02)
+
+
+def test_a_spot_lights_where_it_aims():
+    scene = paper_scene()
+    spot = Lamp(centre_m=(0.0, 0.0, 1.0), length_m=0.02, width_m=0.02, aim_m=(1.0, 0, 0), beam=60)
+    scene = replace(scene, lamp=spot, surface=replace(scene.surface, specular=0.0, ambient=0.0))
+    places = np.zeros((3, 3))
+    places[:, 0] = [0.0, 1.0, 2.0]
+    up = np.broadcast_to([0.0, 0.0, 1.0], (3, 3))
+    below, aimed, beyond = radiance(scene, places, up, np.array([0.0, -2.0, 1.0]))
+    assert aimed > 1000 * below
+    assert aimed > 5 * beyond
 
 
 def test_brute_force_is_the_formula_of_light():
