@@ -24,6 +24,7 @@ __all__ = ["EDGE_STEPS", "fast_images", "fine_image"]
 _undistort = njit(undistort)
 _FAINTEST = -20.0
 _MATTE_SAMPLES = 24
+_CLEAR = 2.0  # lines
 EDGE_STEPS = 128
 
 
@@ -414,6 +415,15 @@ def _fill(image, v0, found, bands, per_line, matte, matte_first, blend, first, e
 
 
 @njit(cache=True, error_model="numpy")
+def _is_grazed(found):
+    """Say whether the mirror line comes so close to an edge that its profile is cut there."""
+    for i in range(found.shape[0]):
+        if found[i, 0] - found[i, 1] < _CLEAR or found[i, 2] - found[i, 0] < _CLEAR:
+            return True
+    return False
+
+
+@njit(cache=True, error_model="numpy")
 def _matte_span(found, v0, rows):
     """Return the first and last whole offset from the mirror line that the window shows."""
     low, high = found[0, 0], found[0, 0]
@@ -439,7 +449,8 @@ def fast_images(
 
     `lamp_first` tells where each lamp's samples begin, and where the last one's end; `lamp_lines`
     [lamp, 3] are points on the lamps' centre lines. Only the first lamp has to be mirrored.
-    Status 1: some column does not mirror it; 2: the cylinder ends within the window.
+    Status 1: some column does not mirror it; 2: the cylinder ends within the window; 3: another
+    lamp is mirrored at the body's very edge.
     """
     images = np.empty((poses.shape[0], rows, blend.shape[0]))
     offsets = _even(-half / per_line, 1.0 / per_line, 2 * half + 1)
@@ -462,9 +473,11 @@ def fast_images(
             if px < stations[0] or px > stations[1]:
                 return images, 2
         for k in range(n_lamps):
-            if np.isnan(found[k, :, 0]).any():
-                found[k, :, 0] = math.nan
+            n_lost = np.isnan(found[k, :, 0]).sum()
+            if n_lost == nodes.size:
                 continue
+            if n_lost > 0 or _is_grazed(found[k]):
+                return images, 3
             own = moved[lamp_first[k] : lamp_first[k + 1]]
             glint = _sample(
                 nodes, found[k], offsets, True, inner, lens, axes, eye, own, surface, radius

@@ -23,8 +23,8 @@ class ModalMotion:
     """A rigid model that turns about the fixed points of its vibration modes.
 
     pose(t) = static(t) M1(t) M2(t) ..., each M a rotation about the mode's own fixed point on the
-    model axis, modes by rising frequency. With one mode the sensor moves on an arc of the
-    effective radius.
+    model axis, modes by rising frequency. With one mode in one plane the sensor moves on an arc of
+    the effective radius.
 
     Parameters
     ----------
@@ -55,6 +55,8 @@ class ModalMotion:
 
     def _turn(self, mode: VibrationMode, angle_rad: Floats) -> Floats:
         # nose up turns model x towards model z: a negative turn about model y
-        rotation = rotation_z(angle_rad) if mode.plane == "yaw" else rotation_y(-angle_rad)
+        other = mode.out_of_plane * angle_rad
+        yaw, pitch = (angle_rad, other) if mode.plane == "yaw" else (other, angle_rad)
+        rotation = rotation_z(yaw) @ rotation_y(-pitch)
         fixed = np.array([self._system.fixed_point(mode), 0.0, 0.0])
         return rigid(rotation, fixed - rotation @ fixed)

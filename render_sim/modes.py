@@ -7,6 +7,9 @@ force's moment about the fixed point, its inertia the fuselage's about the same 
 
     J (theta'' + 2 zeta omega_r theta' + omega_r^2 theta) = (x_shaker - x_fixed) F
 
+A real sting is not quite symmetric: a mode may carry along a small turn in the other plane, about
+the same point and in phase. Its inertia is left out (the square of the share).
+
 The sting's part in the modal inertia is not known and left out: it would change the force that a
 level needs and nothing else, since levels are set by the balance moment.
 """
@@ -48,6 +51,9 @@ class VibrationMode(Section):
     frequency: Annotated[float, quantity("Hz"), positive] = Field(description="natural frequency")
     radius: _Station = Field(description="effective radius, from the fixed point to the sensor")
     damping: Annotated[float, Field(strict=True, gt=0, lt=1)] = Field(description="damping ratio")
+    out_of_plane: Annotated[float, Field(strict=True, gt=-1, lt=1)] = Field(
+        0.0, description="turn in the other plane, nose up or to port, over that in its own"
+    )
 
 
 def _by_frequency(modes: tuple[VibrationMode, ...]) -> tuple[VibrationMode, ...]:

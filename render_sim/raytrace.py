@@ -39,6 +39,8 @@ _PROBLEMS = {
     1: "the body does not mirror the lamp into every column; move lamp or camera",
     2: "the cylinder ends within the window, and the built-in renderer shows nothing else; "
     "use the pyrender renderer",
+    3: "one of other_lamp is mirrored at the very edge of the body, which the built-in renderer "
+    "cannot show; move the lamp or use the pyrender renderer",
 }
 
 

@@ -3,6 +3,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from render_sim.excitation import Tones
+from render_sim.film import attitude
 from render_sim.kinematics import body_kinematics
 from render_sim.modal_motion import ModalMotion
 from render_sim.modes import paper_model_system
@@ -35,6 +36,20 @@ def test_sensor_stays_on_an_arc_about_the_fixed_point():
         np.testing.assert_allclose(fixed, fixed[:1].repeat(101, 0), rtol=0, atol=1e-15)
         reach = np.linalg.norm(_tunnel(pose, 0.9) - fixed, axis=-1)
         np.testing.assert_allclose(reach, abs(mode.radius), rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("number", [1, 2])
+def test_a_mode_may_carry_a_turn_in_the_other_plane_along(number):
+    mode = MODES[number].model_copy(update={"out_of_plane": 0.08})
+    tone, time = _tone(mode.frequency, 0.005), np.linspace(0, 1, 101)
+    level = StaticMotion(paper_scene())
+    pose = ModalMotion(level, SYSTEM, [(mode, tone)]).pose(time)
+    fixed = _tunnel(pose, SYSTEM.fixed_point(mode))
+    np.testing.assert_allclose(fixed, fixed[:1].repeat(101, 0), rtol=0, atol=1e-15)
+    pitch, yaw, _ = attitude(paper_scene(), pose)
+    own, other = (yaw, pitch) if mode.plane == "yaw" else (pitch, yaw)
+    np.testing.assert_allclose(own, tone.at(time), atol=1e-6)
+    np.testing.assert_allclose(other, 0.08 * tone.at(time), atol=1e-6)
 
 
 def test_positive_pitch_lifts_the_nose_and_positive_yaw_turns_it_to_port():
