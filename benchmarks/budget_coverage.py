@@ -20,7 +20,11 @@ import numpy as np
 import tomli_w
 from numpy.typing import NDArray
 
-from calibration.budget.uncertainty import geometry_covariance, geometry_std_deg, uncertain_geometry
+from calibration.budget.uncertainty import (
+    geometry_covariance,
+    geometry_uncertainty,
+    uncertain_geometry,
+)
 from calibration.resection.resect import resect
 from calibration.resection.target_field import ImageTargets, TargetField
 from calibration.sweep.fit import PitchSweep, SweepPoint, fit_sweep_points
@@ -314,7 +318,7 @@ def _measured(
     raw, seen = _angle(setup, true, pitch, intercept, rng)
     covariance = uncertain_geometry(setup)
     assert covariance is not None
-    carried = geometry_std_deg(
+    carried = geometry_uncertainty(
         setup,
         covariance,
         np.radians([raw]),
@@ -322,7 +326,7 @@ def _measured(
         u=COLUMNS,
         std=np.ones(COLUMNS.size),
         sweep=sweep,
-    )[0]
+    ).std_deg[0]
     if sweep is None:
         return raw - pitch, float(np.hypot(carried, _noise(setup)))
     applied = sweep.apply(raw)

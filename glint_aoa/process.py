@@ -9,10 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from calibration.budget.uncertainty import GeometryCovariance, geometry_std_deg, uncertain_geometry
+from calibration.budget.uncertainty import (
+    CarriedUncertainty,
+    GeometryCovariance,
+    geometry_uncertainty,
+    uncertain_geometry,
+)
 from calibration.sweep.fit import PitchSweep
 from glint_aoa._version import __version__
 from glint_aoa.aliasing import AliasedMotion, aliased_motion
+from glint_aoa.coverage import effective_freedom
 from glint_aoa.errors import RecordingError
 from glint_aoa.flags import REJECTING, Flag
 from glint_aoa.optical.average import MeanAngle, mean_angle
@@ -132,9 +138,11 @@ def _measured(
         swept = apply_sweep(angles, measurement, sweep, temperature_k=temperature)
     values = _columns(angles, measurement, swept)
     good = (values["flags"] & int(REJECTING)) == 0
+    systematic = _systematic(measurement, good.size, swept)
     if geometry is not None:
-        std = _geometry_std(angles, good, measurement, geometry, sweep, temperature)
-        values["angle_systematic_std_deg"] = np.hypot(values["angle_systematic_std_deg"], std)
+        carried = _carried(angles, good, measurement, geometry, sweep, temperature)
+        systematic = _joined(systematic, carried)
+    values["angle_systematic_std_deg"] = systematic.std_deg
     mean = _mean(setup, recording, values, good)
     aliased = _visible(_aliased(stack, setup, recording), mean, values, good)
     attrs = _provenance(stack, setup, measurement, sweep) | _averaging(mean, aliased)
@@ -142,7 +150,9 @@ def _measured(
     return PointResult(
         name=stack.name,
         record=angle_record(values, attrs),
-        log=_log_row(stack, setup, values, good, mean) | _point_flags(values, good, aliased),
+        log=_log_row(stack, setup, values, good, mean)
+        | {"mean_angle_u95_deg": _expanded(mean, systematic, good)}
+        | _point_flags(values, good, aliased),
         measurement=measurement,
         angles=angles,
     )
@@ -196,9 +206,8 @@ def _columns(
 ) -> dict[str, NDArray[Any]]:
     raw, noise = np.degrees(angles.angle), np.degrees(angles.angle_std)
     flags, calibrated = angles.flags, raw
-    systematic = np.full_like(raw, np.degrees(measurement.slope_doubt))
     if swept is not None:
-        calibrated, noise, systematic = swept.angle_deg, swept.noise_deg, swept.systematic_deg
+        calibrated, noise = swept.angle_deg, swept.noise_deg
         flags = flags | swept.flags
     # Without a pixel pitch nothing has a length.
     mm = _MM if measurement.setup.camera.pixel_pitch is not None else np.nan
@@ -214,20 +223,36 @@ def _columns(
         "rms_residual_mm": angles.rms_residual * mm,
         "flags": flags,
         "angle_raw_deg": raw,
-        "angle_systematic_std_deg": systematic,
     }
 
 
-def _geometry_std(
+def _systematic(
+    measurement: Measurement, n_fields: int, swept: SweptAngles | None
+) -> CarriedUncertainty:
+    """Return what all fields share but the geometry: the columns' departures, the sweep."""
+    if swept is not None:
+        return CarriedUncertainty(swept.systematic_deg, swept.systematic_freedom)
+    doubt = np.full(n_fields, np.degrees(measurement.slope_doubt))
+    return CarriedUncertainty(doubt, np.full(n_fields, np.inf))
+
+
+def _joined(*parts: CarriedUncertainty) -> CarriedUncertainty:
+    """Add independent uncertainties."""
+    variances = [part.std_deg**2 for part in parts]
+    freedom = effective_freedom(variances, [part.degrees_of_freedom for part in parts])
+    return CarriedUncertainty(np.sqrt(np.sum(variances, axis=0)), freedom)
+
+
+def _carried(
     angles: FieldAngles,
     good: NDArray[np.bool_],
     measurement: Measurement,
     geometry: GeometryCovariance,
     sweep: PitchSweep | None,
     temperature_k: float | None,
-) -> _Array:
-    """Return what the geometry leaves uncertain of each angle after the sweep, 1 sigma [deg]."""
-    return geometry_std_deg(
+) -> CarriedUncertainty:
+    """Return what the geometry leaves uncertain of each angle after the sweep."""
+    return geometry_uncertainty(
         measurement.setup,
         geometry,
         np.where(good, angles.angle, np.nan),
@@ -314,7 +339,6 @@ def _log_row(
         "mean_angle_deg": mean.mean,
         "std_angle_deg": _spread(values["angle_deg"][good]),
         "mean_angle_std_deg": mean.std,
-        "mean_angle_u95_deg": mean.expanded(_systematic(values, good)),
         "mean_method": mean.method,
         "mean_intercept_mm": mean.of(intercept),
         "std_intercept_mm": _spread(intercept[good]),
@@ -347,8 +371,14 @@ def _calibrated(swept: SweptAngles | None, temperature_k: float | None) -> dict[
     return {"calibration_doubts": "; ".join(swept.doubts), **warm}
 
 
-def _systematic(values: dict[str, NDArray[Any]], good: NDArray[np.bool_]) -> float:
-    return float(values["angle_systematic_std_deg"][good].mean()) if good.any() else np.nan
+def _expanded(mean: MeanAngle, systematic: CarriedUncertainty, good: NDArray[np.bool_]) -> float:
+    """Half the 95 % interval of the mean [deg]."""
+    if not good.any():
+        return np.nan
+    return mean.expanded(
+        float(systematic.std_deg[good].mean()),
+        systematic_dof=float(np.median(systematic.degrees_of_freedom[good])),
+    )
 
 
 def _median(values: _Array) -> float:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.sweep.fit import PitchSweep
+from glint_aoa.coverage import effective_freedom
 from glint_aoa.errors import RecordingError
 from glint_aoa.flags import Flag
 from glint_aoa.optical.measure import FieldAngles, Measurement
@@ -31,6 +32,8 @@ class SweptAngles:
         Angle after calibration, and the field's own noise, 1 sigma [deg].
     systematic_deg : ndarray
         What all fields share, 1 sigma [deg]: of the calibration, and of the columns' departures.
+    systematic_freedom : ndarray
+        Degrees of freedom of that; finite where the scatter of the sweep's points stands for it.
     flags : ndarray
         Flags to add.
     doubts : tuple of str
@@ -40,6 +43,7 @@ class SweptAngles:
     angle_deg: _Array
     noise_deg: _Array
     systematic_deg: _Array
+    systematic_freedom: _Array
     flags: NDArray[np.int64]
     doubts: tuple[str, ...]
 
@@ -74,12 +78,14 @@ def apply_sweep(
     applied = sweep.apply(raw, temperature_k=temperature_k, line_v=line_places(angles, measurement))
     gain = np.abs(applied.gain)
     other = sweep.setup_doubts(measurement.setup, columns=measured_columns(measurement))
+    shared = np.hypot(np.degrees(measurement.slope_doubt) * gain, sweep.onboard_accuracy_deg)
     outside = applied.outside | (bool(other) & np.isfinite(raw))
     return SweptAngles(
         angle_deg=applied.angle_deg,
         noise_deg=np.degrees(angles.angle_std) * gain,
-        systematic_deg=np.hypot(
-            applied.systematic_std_deg, np.degrees(measurement.slope_doubt) * gain
+        systematic_deg=np.hypot(applied.fit_std_deg, shared),
+        systematic_freedom=effective_freedom(
+            [applied.fit_std_deg**2, shared**2], [sweep.scatter_freedom, np.inf]
         ),
         flags=np.where(outside, int(Flag.OUTSIDE_CALIBRATION), 0),
         doubts=applied.doubts + other,

@@ -278,6 +278,14 @@ def test_expanded_uncertainty_adds_the_systematic_part():
     assert got.expanded(2.0) == pytest.approx(1.96 * np.hypot(0.5, 2.0), rel=1e-4)
 
 
+def test_expanded_uncertainty_knows_how_well_the_systematic_part_is_known():
+    got = MeanAngle(0.0, 1.0, "plain", np.ones(1))
+    assert got.expanded(1000.0, systematic_dof=5.0) == pytest.approx(2570.6, rel=1e-4)
+    # (1 + 2^2)^2 / (2^4 / 5) by Welch and Satterthwaite, and Student's t there
+    expected = stats.t.ppf(0.975, 25 / (16 / 5)) * np.sqrt(5)
+    assert got.expanded(2.0, systematic_dof=5.0) == pytest.approx(expected)
+
+
 def test_expanded_uncertainty_knows_how_well_the_noise_is_known():
     """Student's t of ten degrees of freedom, tabulated: 1.053 for 68.27 %, 2.228 for 95 %."""
     got = MeanAngle(0.0, 1.053, "process", np.ones(1), dof=10.0)

@@ -27,15 +27,16 @@ from benchmarks.budget_coverage import BAND, COLUMNS, STUDIES, TrueCamera, camer
 from calibration.budget._chain import Chain
 from calibration.budget.uncertainty import (
     geometry_covariance,
-    geometry_std_deg,
+    geometry_uncertainty,
     uncertain_geometry,
     uncertainty_budget,
 )
 from calibration.resection.resect import resect
 from calibration.resection.target_field import ImageTargets, TargetField
 from calibration.sweep.fit import fit_sweep
-from glint_aoa.errors import CalibrationError
+from glint_aoa.errors import CalibrationError, SetupError
 from glint_aoa.geometry import PixelToPlane
+from glint_aoa.report.budget_tables import format_exact
 from glint_aoa.setup import load_setup
 
 
@@ -116,6 +117,17 @@ class TestCalibrations:
         assert joined.matrix[place("y_m"), place("y_m")] == pytest.approx(1e-6)
         assert joined.matrix[place("k2"), place("k2")] == 0
 
+    def test_what_the_camera_calibration_held_is_said(self, calibrated):
+        budget = uncertainty_budget(calibrated(), [3.0], intercepts_m=[0.1], draws=1000)
+        terms = tuple(f"distortion {name}" for name in ("k2", "p1", "p2", "k3"))
+        assert budget.held == ("pixel pitch, horizontal", *terms)
+        assert budget.exact == ("yaw",)
+        assert format_exact(budget).splitlines()[1:] == [
+            "Held by a calibration, so taken as exact: pixel pitch, horizontal; distortion k2; "
+            "distortion p1; distortion p2; distortion k3",
+            "Taken as exact, since nothing is said of them: yaw",
+        ]
+
     def test_draws_have_that_covariance(self, calibrated):
         (budget,) = uncertainty_budget(calibrated(), [3.0], intercepts_m=[0.1], draws=4000).angles
         # The pose has few degrees of freedom: its draws are Student's, wider than the normal.
@@ -189,10 +201,41 @@ class TestCalibrations:
         with pytest.raises(CalibrationError, match=re.escape(message)):
             geometry_covariance(setup)
 
-    def test_a_pose_of_another_camera_is_refused(self, calibrated):
+    def test_a_pose_found_with_another_camera_is_refused(self, calibrated, tmp_path):
+        def older(content):
+            interior = content["interior"]
+            assert len(interior["values"]) == len(interior["parameters"])
+            interior["values"][interior["parameters"].index("focal_length_m")] = 0.0352
+            interior["values"][interior["parameters"].index("k1")] = 0.0
+
+        message = (
+            f"{tmp_path / 'pose.toml'} was found with another camera (focal_length_m was 0.0352 "
+            "and is 0.035; k1 was 0 and is -0.15); take calibration.pose out of the setup and "
+            "repeat glint-aoa calibrate resect with the present camera"
+        )
+        with pytest.raises(SetupError, match=re.escape(message)):
+            calibrated(pose=older)
+
+    def test_a_pose_that_does_not_say_its_camera_is_taken(self, calibrated):
+        def forget(content):
+            del content["interior"]["values"]
+
+        assert calibrated(pose=forget).camera.position == pytest.approx(resected().position_m)
+
+    @pytest.mark.parametrize("values", [[0.035], "0.035", [[]] * 10, 3])
+    def test_values_that_are_none_are_refused(self, calibrated, tmp_path, values):
+        def spoil(content):
+            content["interior"]["values"] = values
+
+        message = f"{tmp_path / 'pose.toml'}: interior.values is not one number for each of "
+        with pytest.raises(SetupError, match=re.escape(message)):
+            calibrated(pose=spoil)
+
+    def test_a_pose_that_does_not_follow_the_camera_is_refused(self, calibrated):
         def forget(content):
             number = content["interior"]["parameters"].index("k1")
             del content["interior"]["parameters"][number]
+            del content["interior"]["values"][number]
             for row in content["interior"]["sensitivity"]:
                 del row[number]
 
@@ -298,7 +341,7 @@ def _through(camera, angle_deg, row):
 class TestCarriedToFields:
     def carried(self, text, angle_deg, intercept, **how):
         setup = setup_of(text)
-        return geometry_std_deg(
+        return geometry_uncertainty(
             setup,
             uncertain_geometry(setup),
             np.radians(angle_deg),
@@ -306,7 +349,22 @@ class TestCarriedToFields:
             u=COLUMNS,
             std=np.ones(COLUMNS.size),
             **how,
+        ).std_deg
+
+    def test_degrees_of_freedom_are_the_budgets(self, calibrated):
+        setup = calibrated()
+        how = {"intercepts_m": [0.1], "centroid_std_lines": 0.0, "draws": 1000}
+        (budget,) = uncertainty_budget(setup, [3.0], **how).angles
+        carried = geometry_uncertainty(
+            setup,
+            uncertain_geometry(setup),
+            np.radians([3.0, np.nan]),
+            np.array([0.1, np.nan]),
+            u=COLUMNS,
+            std=np.ones(COLUMNS.size),
         )
+        assert carried.degrees_of_freedom[0] == pytest.approx(budget.degrees_of_freedom, rel=1e-6)
+        assert np.isinf(carried.degrees_of_freedom[1])
 
     @pytest.mark.parametrize("with_sweep", [False, True])
     def test_is_the_budgets_at_each_field(self, with_sweep):

@@ -74,7 +74,7 @@ def test_bars_are_the_contributions_the_longest_first():
         {"combined": 0.05, "rotation phi": 0.04, "camera calibration": 0.03}, rel=1e-6
     )
     assert axes.get_xlabel() == "contribution to the angle, 1 sigma [deg]"
-    (label,) = axes.get_legend().get_texts()
+    (label,) = axes.figure.legends[0].get_texts()
     assert label.get_text() == "0 deg, line 120"  # the place where u95 is largest
 
 
@@ -87,7 +87,7 @@ def test_a_sweep_shows_what_it_takes_out():
 
 def test_of_many_angles_three_are_drawn():
     (axes,) = budget_figure(budget((-6.0, -3.0, 0.0, 3.0, 6.0))).axes
-    labels = [text.get_text() for text in axes.get_legend().get_texts()]
+    labels = [text.get_text() for text in axes.figure.legends[0].get_texts()]
     assert labels == ["-6 deg, line 120", "0 deg, line 120", "+6 deg, line 120"]
 
 

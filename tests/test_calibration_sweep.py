@@ -250,8 +250,9 @@ class TestApply:
     def test_shape_nan_and_range(self):
         sweep = fit_sweep(ANGLES, 0.0004, truth(ANGLES), 0.002, degree=2)
         angle = np.array([[-6.05, -7.0, np.nan], [0.0, 6.1, 6.2]])
-        calibrated, systematic, outside, gain, doubts = sweep.apply(angle)
+        calibrated, systematic, fitted, outside, gain, doubts = sweep.apply(angle)
         assert calibrated.shape == systematic.shape == outside.shape == gain.shape == (2, 3)
+        assert np.array_equal(fitted, systematic, equal_nan=True)  # nothing else is uncertain
         assert doubts == (
             "the optical angle is -7.00 to 6.20 deg in 2 of 6, -6.00 to 6.00 in the sweep",
         )
@@ -294,6 +295,16 @@ class TestPredictionInterval:
         expected = factor * sweep.apply(0.0).systematic_std_deg
         assert (high - low) / 2 == pytest.approx(expected, rel=1e-4)
         assert sweep.apply(0.0).systematic_std_deg > scatter
+
+    def test_intervals_at_a_point_are_of_the_calibration_and_of_another(self):
+        sweep = noisy_sweep(np.random.default_rng(14))
+        point = sweep.points[3]
+        systematic = float(sweep.apply(point.optical_deg).systematic_std_deg)
+        gain = float(sweep.derivative(point.optical_deg))
+        noise = np.hypot(point.onboard_std_deg, gain * point.optical_std_deg)
+        calibration, another = sweep.expanded_deg(point)
+        assert calibration == pytest.approx(1.959964 * systematic, rel=1e-6)
+        assert another == pytest.approx(1.959964 * np.hypot(systematic, noise), rel=1e-6)
 
     def test_covariance_agrees_with_the_systematic_uncertainty(self):
         sweep = noisy_sweep(np.random.default_rng(13), degree=None)

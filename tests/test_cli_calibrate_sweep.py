@@ -71,7 +71,7 @@ def test_a_sweep_up_and_down_with_a_wrong_point(calibrate, here, points):
     assert [row[0] for row in rows if row[-2:] == ["left", "out"]] == ["s04"]
     assert rows[0][:2] == ["s00", "294.0"]
     assert len(rows) == len(UP_AND_DOWN)
-    width = r"\+0\.0[23]\d\d deg, 95 % within 0\.00\d\d"
+    width = r"\+0\.0[23]\d\d deg, 95 % within 0\.0\d\d\d"  # of six degrees of freedom
     assert re.search(rf"^Hysteresis at 294\.0 K: down less up {width}$", out, re.MULTILINE)
     said = "half of it is in the calibration's uncertainty"
     assert re.search(
@@ -80,6 +80,12 @@ def test_a_sweep_up_and_down_with_a_wrong_point(calibrate, here, points):
     assert (here / "sweep.png").read_bytes().startswith(b"\x89PNG")
     loaded = PitchSweep.load(here / "sweep.toml")
     assert [point.name for point in loaded.left_out] == ["s04"]
+    halves = [loaded.expanded_deg(point) for point in loaded.points]
+    own, another = (f"{min(each):.4f} to {max(each):.4f}" for each in zip(*halves, strict=True))
+    assert (
+        f"\n95 % over the sweep's angles: calibration within {own} deg, another point like these "
+        f"within {another}\n"
+    ) in out
 
 
 def test_json_says_the_same(calibrate, here, points):
@@ -92,7 +98,8 @@ def test_json_says_the_same(calibrate, here, points):
     loop, none = said["hysteresis"]
     assert (loop["is_significant"], none) == (True, None)
     assert loop["width_deg"] == pytest.approx(0.03, abs=4 * loop["std_deg"])
-    assert len(said["residuals_deg"]) == len(UP_AND_DOWN) - 1 + 4
+    for key in ("residuals_deg", "calibration_u95_deg", "prediction_u95_deg"):
+        assert len(said[key]) == len(UP_AND_DOWN) - 1 + 4
 
 
 def test_a_check_that_finds_nothing(calibrate, points, sweep_file):
@@ -131,6 +138,11 @@ def test_what_a_check_refuses(calibrate, here, points, sweep_file):
         "",
         "glint-aoa: glint-aoa.toml: no calibration.sweep to check; name one there, or give it "
         "with --sweep\n",
+    )
+    assert calibrate("check", *later, "--sweep", sweep_file, "--png", "check.bmp") == (
+        2,
+        "",
+        "glint-aoa: check.bmp: not a kind of picture; end its name with .png, .pdf, .svg\n",
     )
     (here / "check.png").write_text("mine")
     code, out, err = calibrate("check", *later, "--sweep", sweep_file, "--png", "check.png")

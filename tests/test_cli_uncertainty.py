@@ -54,7 +54,10 @@ def test_prints_a_table_of_each_angle_and_one_of_all(run, setup):
     assert percent == "%"
     assert float(share) == pytest.approx(100 * (0.05 / float(combined.split()[1])) ** 2, abs=0.06)
     assert len(re.findall(r"^ +[+-]\d\.00 .* rotation phi, \d+ %$", out, re.MULTILINE)) == 6
-    assert "Taken as exact: principal distance, pixel pitch, horizontal," in out
+    assert (
+        "\nTaken as exact, since nothing is said of them: principal distance; pixel pitch, "
+        "horizontal; pixel pitch, vertical; principal point u; "
+    ) in out
     assert re.search(r"^95 %: \+- 0\.09\d\d\d deg$", out, re.MULTILINE)
 
 
@@ -120,6 +123,13 @@ def test_a_setup_that_says_nothing_is_told_so(run, setup):
             "--angles is 'one'; give numbers with commas between, such as --angles=-6,0,6",
         ),
         (["--angles", "200"], "angles between -60 and 60 deg are wanted and 200 deg is none; "),
+        (
+            ["--draws", "100000000"],
+            "draws is 100000000; 1000000 give three digits and are the most",
+        ),
+        (["--temperature", "21"], "a tunnel temperature of 21 K cannot be; give it in kelvins\n"),
+        (["--noise", "inf"], "the centroids' noise is inf lines; give zero or more\n"),
+        (["--intercepts", "nan"], "the intercepts are none, or not all numbers; give mm\n"),
         (["--draws", "5"], "draws is 5; a 95 % interval takes 1000 at least, 10000 are better"),
         (["--out", "{folder}/b.xlsx"], "{folder}/b.xlsx: not a kind of budget; end its name with "),
         (["--out", "{folder}/glint-aoa.toml/sub"], "{folder}/glint-aoa.toml: a file, expected a "),

@@ -49,7 +49,7 @@ def test_roll_of_the_camera_is_that_of_the_angle(measured):
     np.testing.assert_array_equal(rolled.record["angle_deg"], plain.record["angle_deg"])
     np.testing.assert_array_equal(rolled.record["angle_std_deg"], plain.record["angle_std_deg"])
     added = rolled.log["mean_angle_u95_deg"] ** 2 - plain.log["mean_angle_u95_deg"] ** 2
-    assert np.sqrt(added) == pytest.approx(1.96 * 0.02, rel=1e-6)
+    assert np.sqrt(added) == pytest.approx(1.959964 * 0.02, rel=1e-6)
 
 
 def test_height_over_the_camera_counts_with_a_turned_one(measured):
@@ -73,6 +73,18 @@ def test_what_a_sweep_takes_out_is_not_counted(measured, tmp_path):
         plain.record["angle_systematic_std_deg"],
         rtol=1e-3,
     )
+
+
+def test_a_sweep_that_scatters_widens_the_mean_by_its_degrees_of_freedom(measured, tmp_path):
+    angles = np.arange(-4.0, 4.1, 2.0)
+    onboard = angles + 0.05 * np.array([1, -1, 0.5, -1, 1])
+    sweep = fit_sweep(angles, 1e-4, onboard, 1e-4, degree=1)
+    sweep.save(tmp_path / "sweep.toml")
+    log = measured('[calibration]\nsweep = "sweep.toml"\n').log
+    assert sweep.scatter_freedom == pytest.approx(3, rel=1e-3)
+    systematic = float(sweep.apply(log["mean_angle_deg"]).systematic_std_deg)
+    assert systematic > 20 * log["mean_angle_std_deg"]
+    assert log["mean_angle_u95_deg"] == pytest.approx(3.182 * systematic, rel=5e-3)
 
 
 def test_a_calibration_that_cannot_be_used_is_said_before_anything_is_measured(tmp_path):

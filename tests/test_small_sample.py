@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy import linalg, optimize
 
-from glint_aoa.optical._small_sample import LearntVariance, student
+from glint_aoa.coverage import ONE_SIGMA, coverage_factor
+from glint_aoa.optical._small_sample import LearntVariance
 from glint_aoa.optical.vibration import Vibration, fit_vibration
 
 LAGS = np.arange(30)
@@ -32,11 +33,11 @@ def learnt(uncertainty, angle=None):
 
 
 def test_students_t_is_that_of_the_tables():
-    assert student(np.inf) == pytest.approx(1.0, abs=1e-12)
-    assert student(1) == pytest.approx(1.8373, abs=1e-4)
-    assert student(10) == pytest.approx(1.0526, abs=1e-4)
-    assert student(10, 0.975) == pytest.approx(2.2281, abs=1e-4)
-    assert student(0.2) == student(1)  # nothing is known worse than from two values
+    assert coverage_factor(np.inf, ONE_SIGMA) == pytest.approx(1.0, abs=1e-12)
+    assert coverage_factor(1, ONE_SIGMA) == pytest.approx(1.8373, abs=1e-4)
+    assert coverage_factor(10, ONE_SIGMA) == pytest.approx(1.0526, abs=1e-4)
+    assert coverage_factor(10) == pytest.approx(2.2281, abs=1e-4)
+    assert coverage_factor(0.2) == coverage_factor(1)  # nothing is known worse than from two values
 
 
 def test_white_noise_has_the_textbooks_variance_and_degrees_of_freedom():

@@ -96,6 +96,11 @@ class TestOutliers:
         points = moved(noisy_points(np.random.default_rng(6), angles), 1, 0.03)
         assert fit_sweep_points(points).left_out == {}
 
+    def test_of_five_points_four_on_a_line_say_nothing_of_the_fifth(self):
+        points = noisy_points(np.random.default_rng(6), np.linspace(-6, 6, 5))
+        points = [replace(point, onboard_deg=1.01 * point.optical_deg) for point in points]
+        assert fit_sweep_points(moved(points, 1, 0.03)).left_out == {}
+
     def test_they_stay_in_the_file(self, tmp_path):
         sweep = fit_sweep_points(moved(noisy_points(np.random.default_rng(7)), 5, 0.03))
         sweep.save(tmp_path / "sweep.toml")
@@ -155,6 +160,16 @@ class TestHysteresis:
         half = loop.width_deg / 2
         assert sweep.lasting_std_deg() >= half
         assert sweep.apply(0.0).systematic_std_deg == pytest.approx(half, rel=0.15)
+
+    def test_its_interval_is_students_where_the_scatter_is_estimated(self):
+        points = noisy_points(np.random.default_rng(10), loop=lambda a: 0.008)
+        stated = fit_sweep_points(points, degree=2).curves[0].hysteresis
+        assert stated.u95_deg == pytest.approx(1.959964 * stated.std_deg, rel=1e-6)
+        precise = [replace(point, onboard_std_deg=1e-4, optical_std_deg=1e-5) for point in points]
+        found = fit_sweep_points(precise, degree=2).curves[0].hysteresis
+        assert found.degrees_of_freedom == 25 - 4
+        assert found.u95_deg == pytest.approx(2.0796 * found.std_deg, rel=1e-4)  # tabulated
+        assert found.p_value < 1e-6
 
     def test_a_loop_that_closes_shows_its_mean_width(self):
         points = noisy_points(np.random.default_rng(11), loop=lambda a: 0.012 * (1 - (a / 6) ** 2))

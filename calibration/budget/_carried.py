@@ -1,6 +1,7 @@
 """The geometry's uncertainty at measured angles, cheap enough for every field."""
 
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,9 +10,10 @@ from calibration.budget._chain import Chain, middle_of
 from calibration.budget._inputs import GeometryCovariance, geometry_covariance
 from calibration.budget._model import AngleModel, Recalibration
 from calibration.sweep.fit import PitchSweep
+from glint_aoa.coverage import effective_freedom
 from glint_aoa.setup import Setup
 
-__all__ = ["geometry_std_deg", "uncertain_geometry"]
+__all__ = ["CarriedUncertainty", "geometry_uncertainty", "uncertain_geometry"]
 
 Floats = NDArray[np.float64]
 _Span = tuple[float, float]
@@ -20,6 +22,21 @@ _Span = tuple[float, float]
 _NODES = np.sqrt(0.75) * np.array([-1.0, 0.0, 1.0])  # Chebyshev's, of -1 ... 1
 _WIDEST = 6.0  # robust standard deviations about the median that nodes cover
 _NARROWEST = 1e-4  # rad and m: half the range of what stands still
+
+
+class CarriedUncertainty(NamedTuple):
+    """What the geometry leaves uncertain of measured angles.
+
+    Attributes
+    ----------
+    std_deg : ndarray [field]
+        Standard uncertainty, 1 sigma [deg]; NaN for a field that was not measured.
+    degrees_of_freedom : ndarray [field]
+        Effective ones (Welch-Satterthwaite); infinite where nothing of it was estimated.
+    """
+
+    std_deg: Floats
+    degrees_of_freedom: Floats
 
 
 def uncertain_geometry(setup: Setup) -> GeometryCovariance | None:
@@ -41,7 +58,7 @@ def uncertain_geometry(setup: Setup) -> GeometryCovariance | None:
     return covariance.uncertain() if covariance.is_stated else None
 
 
-def geometry_std_deg(
+def geometry_uncertainty(
     setup: Setup,
     covariance: GeometryCovariance,
     angle: Floats,
@@ -51,7 +68,7 @@ def geometry_std_deg(
     std: Floats,
     sweep: PitchSweep | None = None,
     temperature_k: float | None = None,
-) -> Floats:
+) -> CarriedUncertainty:
     """Carry the geometry's uncertainty to measured angles, to first order.
 
     The sensitivities are worked out at three angles and three intercepts and interpolated
@@ -75,10 +92,10 @@ def geometry_std_deg(
 
     Returns
     -------
-    ndarray [field]
-        Standard uncertainty of the angle, 1 sigma [deg]; NaN where `angle` is.
+    CarriedUncertainty
+        The standard uncertainty is NaN where `angle` is.
     """
-    carried = np.full(angle.shape, np.nan)
+    carried = CarriedUncertainty(np.full(angle.shape, np.nan), np.full(angle.shape, np.inf))
     known = np.isfinite(angle) & np.isfinite(intercept)
     if not known.any():
         return carried
@@ -94,11 +111,13 @@ def geometry_std_deg(
         "fa,fi->fai",
         *(_interpolation(each, *span) for each, span in zip(measured, spans, strict=True)),
     ).reshape(-1, len(v))
-    variance = np.zeros(len(share))
+    variances = []
     for block in covariance.blocks:
         c = share @ model.sensitivities(block).calibrated_deg.T
-        variance += np.einsum("fi,ij,fj->f", c, block.covariance, c)
-    carried[known] = np.sqrt(np.maximum(variance, 0.0))
+        variances.append(np.maximum(np.einsum("fi,ij,fj->f", c, block.covariance, c), 0.0))
+    freedoms = [block.degrees_of_freedom for block in covariance.blocks]
+    carried.std_deg[known] = np.sqrt(np.sum(variances, axis=0))
+    carried.degrees_of_freedom[known] = effective_freedom(variances, freedoms)
     return carried
 
 

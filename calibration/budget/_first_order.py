@@ -9,13 +9,8 @@ from numpy.typing import NDArray
 
 from calibration.budget._inputs import GeometryCovariance
 from calibration.budget._model import AngleModel, Angles, Recalibration
-from calibration.budget._rows import (
-    BudgetBlock,
-    BudgetRow,
-    effective_freedom,
-    geometry_rows,
-    plain_row,
-)
+from calibration.budget._rows import BudgetBlock, BudgetRow, geometry_rows, plain_row
+from glint_aoa.coverage import effective_freedom
 
 __all__ = ["FirstOrder", "SweepUncertainty"]
 
@@ -53,12 +48,10 @@ class SweepUncertainty:
         """Evaluate a sweep at angles [line] before calibration [deg]."""
         sweep = again.sweep
         applied = sweep.apply(raw_deg, temperature_k=again.temperature_k)
-        accuracy = sweep.onboard_accuracy_deg
-        widened = [curve.degrees_of_freedom for curve in sweep.curves if curve.is_widened]
         return cls(
-            np.sqrt(np.maximum(applied.systematic_std_deg**2 - accuracy**2, 0.0)),
-            accuracy,
-            float(min(widened, default=np.inf)),
+            applied.fit_std_deg,
+            sweep.onboard_accuracy_deg,
+            sweep.scatter_freedom,
             applied.gain,
             applied.outside,
         )
@@ -153,4 +146,4 @@ class FirstOrder:
         blocks = self.blocks(line)
         variances = [block.contribution_deg**2 for block in blocks]
         freedom = effective_freedom(variances, [block.degrees_of_freedom for block in blocks])
-        return math.sqrt(math.fsum(variances)), freedom
+        return math.sqrt(math.fsum(variances)), float(freedom)

@@ -1,12 +1,9 @@
 """The rows of an uncertainty budget: what each input contributes to one angle."""
 
-import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from calibration.budget._inputs import InputBlock
 from calibration.budget._model import Angles
@@ -15,8 +12,6 @@ from calibration.budget._parameters import PARAMETERS
 __all__ = [
     "BudgetBlock",
     "BudgetRow",
-    "coverage_factor",
-    "effective_freedom",
     "geometry_rows",
     "plain_row",
 ]
@@ -150,29 +145,3 @@ def plain_row(
         share=contribution**2 / (variance_deg2 or 1.0),
         before_sweep_deg=before,
     )
-
-
-def effective_freedom(variances: Sequence[float], freedoms: Sequence[float]) -> float:
-    """Effective degrees of freedom of a sum of independent variances (Welch-Satterthwaite).
-
-    Parameters
-    ----------
-    variances : sequence of float
-        Variances that are added.
-    freedoms : sequence of float
-        Degrees of freedom of each; infinite for one that is known.
-
-    Returns
-    -------
-    float
-        JCGM 100:2008, equation G.2b; infinite where all are known.
-    """
-    spread = math.fsum(v**2 / freedom for v, freedom in zip(variances, freedoms, strict=True))
-    return math.fsum(variances) ** 2 / spread if spread > 0 else math.inf
-
-
-def coverage_factor(degrees_of_freedom: float) -> float:
-    """Return Student's factor of a 95 % interval; 1.96 for infinite degrees of freedom."""
-    if math.isinf(degrees_of_freedom):
-        return float(stats.norm.ppf(0.975))
-    return float(stats.t.ppf(0.975, degrees_of_freedom))

@@ -12,7 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from calibration.budget._carried import geometry_std_deg, uncertain_geometry
+from calibration.budget._carried import (
+    CarriedUncertainty,
+    geometry_uncertainty,
+    uncertain_geometry,
+)
 from calibration.budget._chain import Chain
 from calibration.budget._first_order import FirstOrder
 from calibration.budget._inputs import GeometryCovariance, geometry_covariance
@@ -24,8 +28,11 @@ from calibration.budget._monte_carlo import (
     draw_angles,
     draw_geometries,
 )
-from calibration.budget._rows import BudgetBlock, BudgetRow, coverage_factor
+from calibration.budget._parameters import CAMERA, PARAMETERS, POSE
+from calibration.budget._rows import BudgetBlock, BudgetRow
 from calibration.sweep.fit import PitchSweep
+from calibration.sweep.point import is_of_a_tunnel
+from glint_aoa.coverage import coverage_factor
 from glint_aoa.errors import CalibrationError
 from glint_aoa.setup import Setup
 
@@ -33,11 +40,12 @@ __all__ = [
     "AngleBudget",
     "BudgetBlock",
     "BudgetRow",
+    "CarriedUncertainty",
     "Distribution",
     "GeometryCovariance",
     "UncertaintyBudget",
     "geometry_covariance",
-    "geometry_std_deg",
+    "geometry_uncertainty",
     "uncertain_geometry",
     "uncertainty_budget",
 ]
@@ -46,6 +54,7 @@ Floats = NDArray[np.float64]
 
 _DRAWS, _DRAWS_REFLECTION = 10_000, 4_000
 _LEAST_DRAWS = 1000
+_MOST_DRAWS = 1_000_000  # a few gigabytes
 _STEEPEST_DEG = 60.0
 _ROUNDS = 50
 _SAME_ANGLE_DEG = 1e-10
@@ -125,6 +134,8 @@ class UncertaintyBudget:
         Whether anything is said about the geometry's uncertainty.
     sweep_degree : int or None
         Degree of the pitch sweep that is applied.
+    held : tuple of str
+        Inputs that a calibration held and did not estimate: they count as exact.
     """
 
     angles: tuple[AngleBudget, ...]
@@ -135,6 +146,13 @@ class UncertaintyBudget:
     seed: int
     is_stated: bool
     sweep_degree: int | None
+    held: tuple[str, ...] = ()
+
+    @property
+    def exact(self) -> tuple[str, ...]:
+        """Other inputs of which nobody says how uncertain they are: they count as exact, too."""
+        rows = self.angles[0].rows
+        return tuple(row.source for row in rows if row.std == 0 and row.source not in self.held)
 
     @property
     def worst(self) -> tuple[AngleBudget, ...]:
@@ -217,6 +235,7 @@ def uncertainty_budget(
     """
     angle, draws = _checked_angles(angles_deg), _checked_draws(draws, setup)
     _check_noise(centroid_std_lines, fields)
+    _check_temperature(temperature_k)
     covariance = geometry_covariance(setup)
     chain = Chain.of_setup(setup, sensor_columns(setup))
     raw = angle if sweep is None else _before(sweep, angle, temperature_k)
@@ -238,7 +257,19 @@ def uncertainty_budget(
         seed=seed,
         is_stated=covariance.is_stated,
         sweep_degree=None if sweep is None else sweep.degree,
+        held=_held(setup, covariance),
     )
+
+
+def _held(setup: Setup, covariance: GeometryCovariance) -> tuple[str, ...]:
+    """Return what the setup's calibrations of camera and pose did not estimate, in words."""
+    calibrated: set[str] = set()
+    if setup.camera_path is not None:
+        calibrated.update(CAMERA)
+    if setup.pose_path is not None:
+        calibrated.update(POSE)
+    uncertain = {name for block in covariance.uncertain().blocks for name in block.parameters}
+    return tuple(each.label for each in PARAMETERS if each.name in calibrated - uncertain)
 
 
 def _angle_budget(
@@ -293,7 +324,18 @@ def _checked_draws(draws: int | None, setup: Setup) -> int:
         raise CalibrationError(
             f"draws is {draws}; a 95 % interval takes {_LEAST_DRAWS} at least, 10000 are better"
         )
+    if draws > _MOST_DRAWS:
+        raise CalibrationError(
+            f"draws is {draws}; {_MOST_DRAWS} give three digits and are the most, 10000 are enough"
+        )
     return draws
+
+
+def _check_temperature(temperature_k: float | None) -> None:
+    if temperature_k is not None and not is_of_a_tunnel(temperature_k):
+        raise CalibrationError(
+            f"a tunnel temperature of {temperature_k:g} K cannot be; give it in kelvins"
+        )
 
 
 def _check_noise(centroid_std_lines: float, fields: int) -> None:

@@ -92,6 +92,16 @@ class Interior:
         )
 
     @property
+    def values(self) -> tuple[float, ...]:
+        """The parameters in the order of their names, `INTERIOR` [m, pixels]."""
+        return (
+            self.focal_length,
+            *self.pixel_pitch,
+            *self.principal_point,
+            *self.distortion,
+        )
+
+    @property
     def scale(self) -> Floats:
         """Pixels per unit of normalised coordinates, of u and v."""
         return self.focal_length / np.array(self.pixel_pitch)

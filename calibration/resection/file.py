@@ -17,8 +17,9 @@ _HEADER = """\
 # omega, phi, kappa: R = Rz(kappa) Ry(phi) Rx(omega), zero for an optical axis along +Y.
 # The textbook's angles: M = R3(kappa) R2(phi) R1(omega), tunnel to camera axes x right, y up,
 # z towards the viewer; omega is 90 deg for the same camera.
-# The covariance holds the noise of image and targets, and what was held; interior.sensitivity is
-# the change of the pose with the interior orientation. Every std is 1 sigma.
+# The covariance holds the noise of image and targets, and what was held; interior.values is the
+# interior orientation that the pose was found with, interior.sensitivity the change of the pose
+# with it. Every std is 1 sigma.
 # {summary}
 
 """
@@ -101,12 +102,15 @@ class _Covariance(Section):
 class _Interior(Section):
     parameters: tuple[str, ...]
     sensitivity: list[list[_Finite]]
+    values: list[_Finite] | None = None  # not in files of earlier versions
 
     @model_validator(mode="after")
     def _shapes_agree(self) -> Self:
         n = len(self.parameters)
         if len(self.sensitivity) != 6 or any(len(row) != n for row in self.sensitivity):
             raise ValueError(f"sensitivity must be 6 x {n}, as there are {n} parameters")
+        if self.values is not None and len(self.values) != n:
+            raise ValueError(f"values must be {n}, as there are {n} parameters")
         return self
 
 

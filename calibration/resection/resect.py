@@ -103,6 +103,10 @@ class SpaceResection:
         The other pose that the targets allow, where there is one.
     provenance : ResectionProvenance
         Files and setup.
+    interior_parameters : tuple of str
+        Names of the interior orientation's parameters.
+    interior_values : tuple of float or None
+        Their values, with which the pose was found [m, pixels]; None if the file does not say.
     """
 
     position_m: Floats
@@ -122,6 +126,7 @@ class SpaceResection:
     mirror: MirrorPose | None = None
     provenance: ResectionProvenance = field(default_factory=ResectionProvenance)
     interior_parameters: tuple[str, ...] = INTERIOR
+    interior_values: tuple[float, ...] | None = None
 
     @property
     def pose(self) -> Floats:
@@ -197,6 +202,7 @@ class SpaceResection:
             "interior": {
                 "parameters": self.interior_parameters,
                 "sensitivity": self.sensitivity.tolist(),
+                "values": self.interior_values,
             },
             "fit": {
                 "chi_square": self.chi_square,
@@ -253,6 +259,9 @@ class SpaceResection:
             mirror=fit.mirror,
             provenance=content.provenance,
             interior_parameters=content.interior.parameters,
+            interior_values=(
+                None if content.interior.values is None else tuple(content.interior.values)
+            ),
         )
 
     def _summary(self) -> str:
@@ -364,4 +373,5 @@ def resect(
         distance_std_m=distance_std_m,
         mirror=mirror,
         provenance=provenance or ResectionProvenance(),
+        interior_values=problem.interior.values,
     )

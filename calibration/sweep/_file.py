@@ -1,6 +1,7 @@
 """The TOML file of a pitch sweep: what it holds, and how it is read and written."""
 
 import itertools
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -91,6 +92,7 @@ class HysteresisEntry(Section):
     p_value: Annotated[float, Field(ge=0, le=1)]
     up: tuple[str, ...]
     down: tuple[str, ...]
+    degrees_of_freedom: Annotated[float, Field(gt=0)] = math.inf
 
     def hysteresis(self) -> Hysteresis:
         """Return it as the calibration has it."""

@@ -1,6 +1,7 @@
 """Whether a sweep's points differ by the direction from which their angle was reached."""
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -11,6 +12,7 @@ from scipy import stats
 from calibration.sweep._outliers import ScaledPoints
 from calibration.sweep._polynomial import PolynomialFit
 from calibration.sweep.point import SweepPoint
+from glint_aoa.coverage import coverage_factor
 
 __all__ = ["Hysteresis", "directions", "find_hysteresis"]
 
@@ -33,6 +35,8 @@ class Hysteresis:
         the way up, and its uncertainty, 1 sigma [deg].
     p_value : float
         Chance of so large a width without hysteresis.
+    degrees_of_freedom : float
+        Of `std_deg`; infinite where the points' stated uncertainties explain their scatter.
     up, down : tuple of str
         Names of the points of each branch.
     """
@@ -42,6 +46,12 @@ class Hysteresis:
     p_value: float
     up: tuple[str, ...]
     down: tuple[str, ...]
+    degrees_of_freedom: float = math.inf
+
+    @property
+    def u95_deg(self) -> float:
+        """Half the 95 % interval of the width [deg]."""
+        return coverage_factor(self.degrees_of_freedom) * self.std_deg
 
     @property
     def is_significant(self) -> bool:
@@ -102,18 +112,19 @@ def find_hysteresis(
     overlap = min(up.max(), down.max()) - max(up.min(), down.min())
     if overlap < 2 * _LEAST_OVERLAP:
         return None
-    width, std, p_value = _width(scaled, fit, -direction / 2)
+    width, std, freedom = _width(scaled, fit, -direction / 2)
     return Hysteresis(
         width_deg=width,
         std_deg=std,
-        p_value=p_value,
+        p_value=float(2 * stats.t.sf(abs(width) / std, freedom)),
+        degrees_of_freedom=freedom,
         up=tuple(p.name for p, way in zip(used, direction, strict=True) if way > 0),
         down=tuple(p.name for p, way in zip(used, direction, strict=True) if way < 0),
     )
 
 
 def _width(scaled: ScaledPoints, fit: PolynomialFit, branch: Floats) -> tuple[float, float, float]:
-    """Return the width, its standard deviation and its p-value by weighted least squares."""
+    """Fit the width by weighted least squares: itself, its std, and the degrees of freedom."""
     slopes = np.polynomial.polynomial.polyder(fit.coefficients)
     noise = np.hypot(scaled.sy, np.polynomial.polynomial.polyval(scaled.t, slopes) * scaled.st)
     powers = np.polynomial.polynomial.polyvander(scaled.t, fit.coefficients.size - 1)
@@ -126,5 +137,5 @@ def _width(scaled: ScaledPoints, fit: PolynomialFit, branch: Floats) -> tuple[fl
     width = float(solution[0])
     if freedom > 0 and stats.chi2.sf(chi_square, freedom) < _SIGNIFICANCE:
         std *= np.sqrt(chi_square / freedom)
-        return width, std, float(2 * stats.t.sf(abs(width) / std, freedom))
-    return width, std, float(2 * stats.norm.sf(abs(width) / std))
+        return width, std, float(freedom)
+    return width, std, math.inf

@@ -15,6 +15,7 @@ Floats = NDArray[np.float64]
 _SIGNIFICANCE = 0.01  # chance that a sweep without an outlier is said to have one
 _SUSPECT = 2.5  # standard deviations off the resistant curve
 _MOST = 0.2  # of the points
+_LEAST_POINTS = 6  # of fewer, all but one lie on some curve by chance too often
 _RESISTANT = 0.3  # standard deviations beyond which a point counts by its distance only
 _MAD_TO_STD = 1.4826
 
@@ -59,9 +60,9 @@ def find_outliers(points: ScaledPoints, degree: int) -> dict[int, str]:
     The limit is that of the largest of all points at 1 % (Bonferroni), from the normal
     distribution where the stated uncertainties explain the scatter of the others, from Student's
     where their scatter is taken instead (Cook and Weisberg, *Residuals and Influence in
-    Regression*, 1982, section 2.2). Six points at least are needed for a test.
+    Regression*, 1982, section 2.2). Fewer than six points are not tested.
     """
-    if degree < 1:
+    if degree < 1 or points.t.size < _LEAST_POINTS:
         return {}
     out = _suspects(points, degree)
     while out:

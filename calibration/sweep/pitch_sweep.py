@@ -40,6 +40,8 @@ class CalibratedAngle(NamedTuple):
         Angle after calibration [deg].
     systematic_std_deg : ndarray
         Uncertainty of the calibration there, 1 sigma [deg]; averaging does not reduce it.
+    fit_std_deg : ndarray
+        The same without the onboard sensor's accuracy; it has `PitchSweep.scatter_freedom`.
     outside : ndarray of bool
         Whether the sweep does not cover the angle, the temperature or the line's place.
     gain : ndarray
@@ -50,6 +52,7 @@ class CalibratedAngle(NamedTuple):
 
     angle_deg: Floats
     systematic_std_deg: Floats
+    fit_std_deg: Floats
     outside: NDArray[np.bool_]
     gain: Floats
     doubts: tuple[str, ...]
@@ -113,6 +116,14 @@ class PitchSweep:
         """Chi-square per degree of freedom; None where no point is to spare."""
         freedom = self.degrees_of_freedom
         return self.chi_square / freedom if freedom else None
+
+    @property
+    def scatter_freedom(self) -> float:
+        """Degrees of freedom of the calibration's uncertainty, over all curves.
+
+        The least of the curves; infinite where the stated uncertainties explain the scatter.
+        """
+        return min(curve.scatter_freedom for curve in self.curves)
 
     @property
     def range_deg(self) -> tuple[float, float]:
@@ -203,11 +214,12 @@ class PitchSweep:
         variance = weights.doubt(values) ** 2
         for curve, weight in zip(self.curves, weights.best, strict=True):
             variance = variance + weight**2 * curve.variance_of(angle)
-        lasting = self.lasting_std_deg(temperature_k)
+        fit_std = np.sqrt(variance + self.lasting_std_deg(temperature_k) ** 2)
         outside, doubts = self._limits(temperature_k).outside(angle, temperature_k, line_v)
         return CalibratedAngle(
             np.tensordot(weights.best, values, 1),
-            np.sqrt(variance + lasting**2 + self.onboard_accuracy_deg**2),
+            np.hypot(fit_std, self.onboard_accuracy_deg),
+            fit_std,
             outside,
             np.tensordot(weights.best, slopes, 1),
             doubts,
@@ -251,8 +263,30 @@ class PitchSweep:
         applied = self.apply(angle_deg, temperature_k=temperature_k)
         std = np.hypot(applied.systematic_std_deg, applied.gain * np.asarray(angle_std_deg))
         tail = (1 - level) / 2
-        factor = stats.t.isf(tail, min(curve.scatter_freedom for curve in self.curves))
+        factor = stats.t.isf(tail, self.scatter_freedom)
         return applied.angle_deg - factor * std, applied.angle_deg + factor * std
+
+    def expanded_deg(self, point: SweepPoint) -> tuple[float, float]:
+        """Return half the 95 % intervals at a point of the sweep [deg].
+
+        Parameters
+        ----------
+        point : SweepPoint
+            The point, used or left out.
+
+        Returns
+        -------
+        calibration, another : float
+            Of the calibrated angle for itself, and of what another point with this one's noise
+            would show against it (prediction interval).
+        """
+        kelvins = self.curve_of(point).temperature_k
+        gain = float(self.derivative(point.optical_deg, temperature_k=kelvins))
+        halves = []
+        for noise in (0.0, self.residual_std_deg(point) / gain):
+            low, high = self.interval(point.optical_deg, noise, temperature_k=kelvins)
+            halves.append(float(high - low) / 2)
+        return halves[0], halves[1]
 
     def covariance(
         self, angle_deg: ArrayLike, temperatures_k: Sequence[float | None] | None = None

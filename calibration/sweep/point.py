@@ -15,6 +15,7 @@ __all__ = [
     "SweepPoint",
     "check_no_duplicates",
     "in_order_of_time",
+    "is_of_a_tunnel",
     "sweep_points",
 ]
 
@@ -91,8 +92,7 @@ class SweepPoint:
                     f"{self.name}: {key} is {getattr(self, key):g}; "
                     "an uncertainty must be greater than zero"
                 )
-        low, high = _TEMPERATURES_K
-        if self.temperature_k is not None and not low < self.temperature_k < high:
+        if self.temperature_k is not None and not is_of_a_tunnel(self.temperature_k):
             raise CalibrationError(
                 f"{self.name}: a tunnel temperature of {self.temperature_k:g} K cannot be; "
                 "give it in kelvins, or with its unit"
@@ -106,6 +106,12 @@ class SweepPoint:
         except ValueError:
             return None
         return moment.replace(tzinfo=datetime.UTC) if moment.tzinfo is None else moment
+
+
+def is_of_a_tunnel(temperature_k: float) -> bool:
+    """Whether a temperature can be a wind tunnel's [K], and not degrees of another scale."""
+    low, high = _TEMPERATURES_K
+    return low < temperature_k < high
 
 
 def sweep_points(

@@ -31,13 +31,10 @@ class _CameraAsUsed(Section):
 
     @classmethod
     def of(cls, camera: Camera) -> "_CameraAsUsed":
-        point = camera.principal_point
-        if point is None and camera.sensor is not None:
-            point = ((camera.sensor[0] - 1) / 2, (camera.sensor[1] - 1) / 2)
         return cls(
             focal_length_m=camera.focal_length,
             pixel_pitch_m=camera.pixel_pitch,
-            principal_point=point,
+            principal_point=camera.principal_point_used,
             position_m=camera.position,
             rotation_rad=camera.rotation,
             distortion=camera.distortion,

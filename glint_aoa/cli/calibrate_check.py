@@ -58,7 +58,7 @@ def check(
     Example: glint-aoa calibrate check check-*.h5 --setup glint-aoa.toml --sweep sweep.toml
     """
     from glint_aoa.campaign import check_sweep
-    from glint_aoa.report.figures import save_figure
+    from glint_aoa.report.figures import check_picture_name, save_figure
     from glint_aoa.report.sweep_figures import drift_figure
     from glint_aoa.setup import load_setup
 
@@ -66,6 +66,7 @@ def check(
     calibration = _load(sweep, settings, setup)
     check_names(points)
     if png is not None:
+        check_picture_name(png)
         check_folder(png.parent)
         check_new_files((png,), overwrite=overwrite)
     with bar(len(points)) as advance:
@@ -123,16 +124,18 @@ def _print(drift: "Drift") -> None:
     typer.echo("")
     likely = [each for each in drift.hypotheses if each.probability >= _WORTH_PRINTING]
     table(
-        ["what may have happened", "probability", "chi-square", "of"],
+        ["what may have happened", "by", "probability", "chi-square", "of"],
         [
             [
                 each.name,
+                "; ".join(map(str, each.changes)),
                 f"{each.probability:.2f}",
                 f"{each.chi_square:.1f}",
                 f"{each.degrees_of_freedom}",
             ]
             for each in likely
         ],
+        left=2,
     )
     typer.echo(f"\n{drift.sentence}.")
 

@@ -2,6 +2,7 @@
 
 import math
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -107,6 +108,8 @@ def _as_json(fitted: "PitchSweep", out: Path, picture: Path) -> dict[str, object
         "temperatures_K": fitted.temperatures_k.tolist(),
         "range_deg": fitted.range_deg,
         "residuals_deg": fitted.residuals_deg.tolist(),
+        "calibration_u95_deg": [fitted.expanded_deg(point)[0] for point in fitted.points],
+        "prediction_u95_deg": [fitted.expanded_deg(point)[1] for point in fitted.points],
         "reduced_chi_square": fitted.reduced_chi_square,
         "left_out": {point.name: why for point, why in fitted.left_out.items()},
         "hysteresis": [
@@ -115,6 +118,7 @@ def _as_json(fitted: "PitchSweep", out: Path, picture: Path) -> dict[str, object
             else {
                 "width_deg": loop.width_deg,
                 "std_deg": loop.std_deg,
+                "u95_deg": loop.u95_deg,
                 "is_significant": loop.is_significant,
             }
             for loop in (curve.hysteresis for curve in fitted.curves)
@@ -139,9 +143,19 @@ def _print(fitted: "PitchSweep") -> None:
         for point in points
     ]
     table(header, rows)
+    own, another = map(_span, zip(*map(fitted.expanded_deg, fitted.points), strict=True))
+    typer.echo(
+        f"\n95 % over the sweep's angles: calibration within {own} deg, another point like these "
+        f"within {another}"
+    )
     for curve in fitted.curves:
         if curve.hysteresis is not None:
             typer.echo(f"Hysteresis{_at(curve)}: down less up {_width(curve.hysteresis)}")
+
+
+def _span(values: Sequence[float]) -> str:
+    low, high = f"{min(values):.4f}", f"{max(values):.4f}"
+    return low if low == high else f"{low} to {high}"
 
 
 def _tell_doubts(fitted: "PitchSweep", picture: Path) -> None:
@@ -173,7 +187,7 @@ def _at(curve: "SweepCurve") -> str:
 
 
 def _width(loop: "Hysteresis") -> str:
-    return f"{loop.width_deg:+.4f} deg, 95 % within {1.96 * loop.std_deg:.4f}"
+    return f"{loop.width_deg:+.4f} deg, 95 % within {loop.u95_deg:.4f}"
 
 
 def _check_out(out: Path, setup: Path) -> None:

@@ -151,14 +151,13 @@ def _write(path: Path, budget: "UncertaintyBudget", *, overwrite: bool) -> None:
 
 
 def _print(budget: "UncertaintyBudget", setup: Path, files: list[Path]) -> None:
-    from glint_aoa.report.budget_tables import format_budget, format_summary
+    from glint_aoa.report.budget_tables import format_budget, format_exact, format_summary
 
     for each in budget.worst:
         typer.echo(format_budget(each, swept=budget.sweep_degree is not None) + "\n")
     typer.echo(format_summary(budget))
-    exact = [row.source for row in budget.angles[0].rows if row.std == 0]
-    if exact:
-        typer.echo(f"\nTaken as exact: {', '.join(exact)}")
+    if said := format_exact(budget):
+        typer.echo(said)
     if not budget.is_stated:
         typer.echo(
             f"{setup} says nothing of how uncertain the camera is; add [uncertainty], or "

@@ -5,28 +5,12 @@ from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
 
 from glint_aoa.optical.vibration import Vibration
 
-__all__ = ["LearntVariance", "student"]
+__all__ = ["LearntVariance"]
 
 _Array = NDArray[np.float64]
-
-_ONE_SIGMA = float(special.ndtr(1.0))
-
-
-def student(dof: float, probability: float = _ONE_SIGMA) -> float:
-    """Quantile of Student's t; by default the one that a normal distribution has at 1.
-
-    Parameters
-    ----------
-    dof : float
-        Degrees of freedom, from 1; infinite for a normal distribution.
-    probability : float, optional
-        Of lying below the quantile.
-    """
-    return float(special.stdtrit(max(dof, 1.0), probability))
 
 
 @dataclass(frozen=True, eq=False)

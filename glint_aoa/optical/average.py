@@ -1,5 +1,6 @@
 """The mean angle of a point, which need not be the mean of its fields."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, Self
@@ -8,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import signal
 
-from glint_aoa.optical._small_sample import LearntVariance, student
+from glint_aoa.coverage import ONE_SIGMA, coverage_factor, effective_freedom
+from glint_aoa.optical._small_sample import LearntVariance
 from glint_aoa.optical.segments import segment_weights, segmented_covariance, variance_of
 from glint_aoa.optical.vibration import Vibration, VibrationLine, fit_vibration
 
@@ -20,8 +22,6 @@ MeanMethod = Literal["plain", "lines", "tapered", "process"]
 
 _LEAST_FIELDS = 8  # to see a vibration in
 _MOST_FIELDS = 240  # for a likelihood; longer records are taken in segments
-_COVERAGE = 1.96  # of a normal distribution's 95 %
-_NINETY_FIVE = 0.975  # probability below its end
 _AS_GOOD = 1.02  # a simpler method may have this much more standard deviation
 _KAISER = (4.0, 6.0, 8.0, 10.0)  # shape: side lobes from -45 to -100 dB
 _AMPLITUDE_DEGREES = (0, 1, 2, 3, 4)
@@ -56,10 +56,20 @@ class MeanAngle:
     lines: tuple[VibrationLine, ...] = ()
     dof: float = np.inf
 
-    def expanded(self, systematic_std: float = 0.0) -> float:
-        """Half the 95 % interval [as given], a systematic part included."""
-        own = self.std * student(self.dof, _NINETY_FIVE) / student(self.dof)
-        return float(np.hypot(own, _COVERAGE * systematic_std))
+    def expanded(self, systematic_std: float = 0.0, *, systematic_dof: float = np.inf) -> float:
+        """Return half the 95 % interval [as given], a systematic part included.
+
+        Parameters
+        ----------
+        systematic_std : float
+            What all fields share, 1 sigma [as given].
+        systematic_dof : float
+            Its degrees of freedom.
+        """
+        own = self.std / coverage_factor(self.dof, ONE_SIGMA)
+        parts = own**2, systematic_std**2
+        freedom = float(effective_freedom(parts, (self.dof, systematic_dof)))
+        return coverage_factor(freedom) * math.hypot(own, systematic_std)
 
     def of(self, values: ArrayLike) -> float:
         """Mean of other values [field] of the same fields, with the same weights."""
@@ -161,7 +171,7 @@ class _Offer:
 
     @classmethod
     def of(cls, weights: _Array, variance: float, dof: float) -> Self:
-        return cls(weights, float(np.sqrt(variance)) * student(dof), dof)
+        return cls(weights, float(np.sqrt(variance)) * coverage_factor(dof, ONE_SIGMA), dof)
 
     def mean_of(self, angle: _Array, method: MeanMethod) -> MeanAngle:
         used = self.weights != 0

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from calibration.budget.uncertainty import AngleBudget, UncertaintyBudget
 
@@ -20,6 +21,7 @@ _HATCHES = ("", "///", "...")
 _GREY = "#7F7F7F"
 _LEAST = 0.005  # of the longest bar: shorter ones cannot be seen
 _TOGETHER = "combined"
+_TICKS = 5  # intervals: more labels of four digits touch each other
 
 
 def budget_figure(budget: UncertaintyBudget) -> Figure:
@@ -48,12 +50,18 @@ def budget_figure(budget: UncertaintyBudget) -> Figure:
             "without it": [_contributions(each, before=True) for each in shown],
         }
     rows = max(len(_sources(values)) for values in sides.values())
-    height = 1.8 + 0.12 * rows * (len(shown) + 1)
+    height = 2.2 + 0.12 * rows * (len(shown) + 1)
     figure = Figure(figsize=(2 + 5.5 * len(sides), height), layout="constrained")
     panels = figure.subplots(1, len(sides), squeeze=False)[0]
     for axes, (title, values) in zip(panels, sides.items(), strict=True):
         _draw(axes, shown, values)
         axes.set_title(title)
+    figure.legend(
+        *panels[0].get_legend_handles_labels(),
+        loc="outside lower center",
+        ncols=len(shown),
+        fontsize="small",
+    )
     figure.suptitle(_title(budget))
     return figure
 
@@ -101,7 +109,7 @@ def _draw(axes: "Axes", shown: Sequence[AngleBudget], values: Sequence[dict[str,
     axes.set_xlim(left=0)
     axes.set_xlabel("contribution to the angle, 1 sigma [deg]")
     axes.grid(axis="x", alpha=0.25)
-    axes.legend(loc="lower right", fontsize="small")
+    axes.xaxis.set_major_locator(MaxNLocator(_TICKS))
 
 
 def _title(budget: UncertaintyBudget) -> str:

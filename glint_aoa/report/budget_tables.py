@@ -14,6 +14,7 @@ from glint_aoa.records.tables import write_csv
 __all__ = [
     "budget_values",
     "format_budget",
+    "format_exact",
     "format_summary",
     "write_budget_csv",
     "write_budget_json",
@@ -73,6 +74,18 @@ def format_summary(budget: UncertaintyBudget) -> str:
             f"{_remarks(each)}"
         )
     return "\n".join(lines)
+
+
+def format_exact(budget: UncertaintyBudget) -> str:
+    """Return as plain text which inputs count as exact, and why; empty if there are none.
+
+    Inputs stand between semicolons, since some have commas in their names.
+    """
+    said = {
+        "Held by a calibration, so taken as exact": budget.held,
+        "Taken as exact, since nothing is said of them": budget.exact,
+    }
+    return "".join(f"\n{why}: {'; '.join(inputs)}" for why, inputs in said.items() if inputs)
 
 
 def budget_values(budget: UncertaintyBudget) -> dict[str, Any]:

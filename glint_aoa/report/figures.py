@@ -22,7 +22,7 @@ from glint_aoa.records.fields import FieldStack
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["error_figure", "field_with_line", "measured_field", "save_figure"]
+__all__ = ["check_picture_name", "error_figure", "field_with_line", "measured_field", "save_figure"]
 
 # Okabe and Ito's colours, told apart with any colour vision; shapes tell them apart in grey
 _BLUE, _ORANGE, _GREEN, _GREY = "#0072B2", "#D55E00", "#009E73", "#7F7F7F"
@@ -219,11 +219,21 @@ def save_figure(figure: Figure, path: str | Path, *, overwrite: bool = False) ->
         written.
     """
     path = Path(path)
-    suffix = path.suffix.lower()
-    if suffix not in _FORMATS:
-        raise OutputError(f"{path}: not a kind of picture; end its name with {', '.join(_FORMATS)}")
+    check_picture_name(path)
     with replacing(path, overwrite=overwrite) as temporary:
-        figure.savefig(temporary, format=suffix[1:], dpi=150)
+        figure.savefig(temporary, format=path.suffix.lower()[1:], dpi=150)
+
+
+def check_picture_name(path: Path) -> None:
+    """Refuse a name that no picture can have; commands call it before work is done.
+
+    Raises
+    ------
+    OutputError
+        If the suffix is none of a picture's.
+    """
+    if path.suffix.lower() not in _FORMATS:
+        raise OutputError(f"{path}: not a kind of picture; end its name with {', '.join(_FORMATS)}")
 
 
 def _draw_centres(

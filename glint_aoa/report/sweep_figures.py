@@ -216,8 +216,10 @@ def _half_widths(
     for curve in sweep.curves:
         applied = sweep.apply(angle, temperature_k=curve.temperature_k)
         noise = np.median([sweep.residual_std_deg(each) for each in curve.points])
-        low, high = sweep.interval(angle, noise / applied.gain, temperature_k=curve.temperature_k)
-        found.append((_U95 * applied.systematic_std_deg, (high - low) / 2))
+        both = (0.0, noise / applied.gain)
+        ends = [sweep.interval(angle, each, temperature_k=curve.temperature_k) for each in both]
+        own, another = ((high - low) / 2 for low, high in ends)
+        found.append((own, another))
     return found
 
 
@@ -244,7 +246,6 @@ def _loops(sweep: PitchSweep) -> list[str]:
         at = f" at {curve.temperature_k:.1f} K" if len(sweep.curves) > 1 else ""
         how = "significant" if loop.is_significant else "not significant"
         said.append(
-            f"down less up{at} {loop.width_deg:+.4f} deg, 95 % within {_U95 * loop.std_deg:.4f}: "
-            f"{how}"
+            f"down less up{at} {loop.width_deg:+.4f} deg, 95 % within {loop.u95_deg:.4f}: {how}"
         )
     return said

@@ -13,7 +13,13 @@ from glint_aoa.errors import SetupError
 from glint_aoa.setup.camera import Camera
 from glint_aoa.setup.section import Section, quantity, read_toml
 
-__all__ = ["Calibration", "ReflectionUncertainty", "Uncertainty", "calibrated_camera"]
+__all__ = [
+    "Calibration",
+    "ReflectionUncertainty",
+    "Uncertainty",
+    "calibrated_camera",
+    "check_pose_fits",
+]
 
 _KINDS = {
     "camera": ("camera calibration", "camera"),
@@ -102,6 +108,63 @@ def calibrated_camera(content: Mapping[str, Any], folder: Path) -> dict[str, Any
         if isinstance(name, str):
             camera = _joined(camera, _camera_of(folder / name, kind, command), folder / name)
     return camera
+
+
+def check_pose_fits(camera: Camera, path: Path) -> None:
+    """Refuse a pose that was found with another interior orientation than the camera now has.
+
+    Position and rotation make up for the interior orientation that they were found with; beside
+    another one they are wrong.
+
+    Parameters
+    ----------
+    camera : Camera
+        The camera, with what its calibrations give it.
+    path : Path
+        File of the space resection; one of an earlier version does not say, and is taken.
+
+    Raises
+    ------
+    SetupError
+        Naming what differs, and both values.
+    """
+    interior = read_toml(path, missing="no such space resection").get("interior")
+    if not isinstance(interior, dict) or "values" not in interior:
+        return
+    try:
+        then = dict(zip(interior["parameters"], map(float, interior["values"]), strict=True))
+    except (KeyError, TypeError, ValueError):
+        raise SetupError(
+            f"{path}: interior.values is not one number for each of interior.parameters; "
+            "repeat glint-aoa calibrate resect"
+        ) from None
+    now = _interior(camera)
+    said = [
+        f"{name} was {value:.8g} and is {now[name]:.8g}"
+        for name, value in then.items()
+        if name in now and not _same((now[name],), (value,))
+    ]
+    if said:
+        raise SetupError(
+            f"{path} was found with another camera ({'; '.join(said)}); take calibration.pose out "
+            "of the setup and repeat glint-aoa calibrate resect with the present camera"
+        )
+
+
+def _interior(camera: Camera) -> dict[str, float]:
+    """Return the interior orientation by the names that files of calibrations use [m, pixels]."""
+    groups = {
+        ("focal_length_m",): (camera.focal_length,),
+        ("pixel_pitch_h_m", "pixel_pitch_v_m"): camera.pixel_pitch,
+        ("principal_point_u", "principal_point_v"): camera.principal_point_used,
+        ("k1", "k2", "p1", "p2", "k3"): camera.distortion,
+    }
+    return {
+        name: value
+        for names, values in groups.items()
+        for name, value in zip(names, values or (), strict=False)
+        if value is not None
+    }
 
 
 def _camera_of(path: Path, kind: str, command: str) -> dict[str, Any]:

@@ -49,6 +49,13 @@ class Camera(Section):
         """Whether the camera can be used in space, not on its own image plane only."""
         return self.position is not None
 
+    @property
+    def principal_point_used(self) -> tuple[float, float] | None:
+        """The principal point [pixels]: the sensor's centre where it is not given."""
+        if self.principal_point is None and self.sensor is not None:
+            return (self.sensor[0] - 1) / 2, (self.sensor[1] - 1) / 2
+        return self.principal_point
+
     @model_validator(mode="after")
     def _is_whole(self) -> Self:
         needed = {

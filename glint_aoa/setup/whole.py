@@ -8,7 +8,12 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from glint_aoa.errors import SetupError
-from glint_aoa.setup.calibration import Calibration, Uncertainty, calibrated_camera
+from glint_aoa.setup.calibration import (
+    Calibration,
+    Uncertainty,
+    calibrated_camera,
+    check_pose_fits,
+)
 from glint_aoa.setup.camera import Camera, Fields
 from glint_aoa.setup.glint import Glint
 from glint_aoa.setup.inertial import Inertial
@@ -108,4 +113,7 @@ def load_setup(path: str | Path) -> Setup:
     if "folder" in content:
         raise SetupError(f"{path}: unknown key folder; {nearest('folder', Setup)}")
     camera = calibrated_camera(content, path.parent)
-    return validated(path, {**content, "camera": camera, "folder": path.parent}, Setup)
+    setup = validated(path, {**content, "camera": camera, "folder": path.parent}, Setup)
+    if setup.pose_path is not None:
+        check_pose_fits(setup.camera, setup.pose_path)
+    return setup
