@@ -206,7 +206,7 @@ def _placed(one: Photograph, sensor: tuple[int, int] | None, fields: Fields) -> 
     lines, columns = one.grey.shape
     if min(lines, columns) < _LEAST_SIDE:
         raise CalibrationError(
-            f"{one.name}: {columns} x {lines} pixels are too few to show a board; "
+            f"{one.name}: {columns} x {lines} pixels are too few; "
             f"give pictures of {_LEAST_SIDE} x {_LEAST_SIDE} pixels or more"
         )
     if sensor is None:

@@ -330,6 +330,11 @@ class TestBoard:
                 "better 9 x 6",
             ),
             (
+                "circles:101x6:30mm",
+                "a board of 101 x 6 corners or circles is too fine to be seen; use one of 100 x "
+                "100 at most, better 9 x 6",
+            ),
+            (
                 "chessboard:9x6:0mm",
                 "a board's spacing of 0 m cannot be; it must be greater than zero",
             ),
@@ -350,6 +355,16 @@ class TestBoard:
             CalibrationError,
             match=re.escape('"5x5_251" is not a dictionary of markers; give one of 4x4_100, '),
         ):
+            find_board(picture, board)
+
+    def test_a_dictionary_with_too_few_markers(self):
+        board = Board("charuco", 30, 30, SQUARE, marker=0.02, dictionary="5X5_50")
+        picture, _ = seen(charuco_sheet(), CHARUCO)
+        message = (
+            "a board of 30 x 30 squares has 450 markers, and 5x5_50 only 50; give the board's own "
+            "dictionary and size"
+        )
+        with pytest.raises(CalibrationError, match=f"^{message}$"):
             find_board(picture, board)
 
     def test_pixels_that_cannot_be(self):

@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from calibration.resection.resect import SpaceResection
 from glint_aoa.cli import main
 from glint_aoa.report.resection_figures import resection_figure
+from render_sim.discs import paint
 
 
 def write(path, header, rows):
@@ -190,17 +191,15 @@ def test_a_plane_that_allows_two_poses_is_told(program, here):
 
 def discs(parity):
     """Draw the board's targets as bright discs."""
-    fine = 16
-    image = np.zeros((240 * fine, 752 * fine), np.uint8)
     turn = np.linspace(0, 2 * np.pi, 90, endpoint=False)
     face = turned("z", 15)
+    outlines = []
     for centre in board():
         rim = 0.004 * (np.outer(np.cos(turn), face[:, 0]) + np.outer(np.sin(turn), face[:, 2]))
         u, v = TRUE.pixels(centre + rim)
-        corners = (np.stack([u, v - 0.5 * parity], axis=-1) + 0.5) * fine - 0.5
-        cv2.fillPoly(image, [np.rint(corners * 256).astype(np.int32)], 255, shift=8)
-    grey = 20 + 0.6 * image.reshape(240, fine, 752, fine).mean((1, 3))
-    noise = np.random.default_rng(parity).normal(size=grey.shape)
+        outlines.append(np.stack([u, v - 0.5 * parity], axis=-1))
+    grey = 20 + 153 * paint(outlines, (240, 752), blur=(1.0, 0.5))
+    noise = np.random.default_rng(2 + parity).normal(size=grey.shape)
     return np.clip(np.rint(grey + noise), 0, 255).astype(np.uint8)
 
 

@@ -504,7 +504,11 @@ class TestFile:
         [
             (lambda c: c.update(kind="pitch sweep"), "kind: Input should be 'camera calibration'"),
             (lambda c: c["camera"].pop("sensor"), "camera.sensor: missing"),
-            (lambda c: c["camera"].update(colour="red"), "camera.colour: unknown key"),
+            (
+                lambda c: c["camera"].update(colour="red"),
+                "unknown key camera.colour; known keys here: focal_length, pixel_pitch, sensor, "
+                "principal_point, distortion",
+            ),
             (
                 lambda c: c["covariance"]["matrix"].pop(),
                 "covariance.matrix must be 8 x 8, as the parameters are",

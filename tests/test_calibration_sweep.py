@@ -362,11 +362,15 @@ class TestFile:
         ("old", "new", "said"),
         [
             ('kind = "pitch sweep"', "", "kind: missing"),
-            ("chi_square", "chi_squared", "curve.0.chi_square: missing"),
-            ("[provenance]", "[provenance]\nextra = 1", "provenance.extra: unknown key"),
-            ("half_range_deg = 6.0", "half_range_deg = 0.0", "curve.0.half_range_deg: "),
+            (
+                "chi_square",
+                "chi_squared",
+                "unknown key curve[0].chi_squared; did you mean chi_square?",
+            ),
+            ("[provenance]", "[provenance]\nextra = 1", "unknown key provenance.extra"),
+            ("half_range_deg = 6.0", "half_range_deg = 0.0", "curve[0].half_range_deg: "),
             ("degrees_of_freedom = 23", "degrees_of_freedom = 3", "degrees_of_freedom of curve 1"),
-            ("curve = 1", "curve = 0", "point.0.curve: "),
+            ("curve = 1", "curve = 0", "point[0].curve: "),
             ("    [\n        ", "    [\n        1.0,\n        ", "must be square, 2 x 2 at least"),
             ("    [\n        ", "    [\n        -", "covariance_deg2 has a negative variance"),
         ],
@@ -401,7 +405,7 @@ class TestFile:
         ("old", "new", "said"),
         [
             ("chi_square = 0.5", "", "fit.chi_square: missing"),
-            ("[points]", "[points]\nextra = 1", "points.extra: unknown key"),
+            ("[points]", "[points]\nextra = 1", "unknown key points.extra"),
             ("onboard_deg = [-0.91, 0.1, 1.11]", "onboard_deg = [0.1]", "not of one length"),
             ("degrees_of_freedom = 1", "degrees_of_freedom = 2", "degrees_of_freedom of curve 1"),
         ],

@@ -134,7 +134,7 @@ def test_frames_for_fields_are_told_apart_by_the_sensor(program):
         ),
         (
             [*BOARD, "--pixel-pitch", "11.7", "27.5"],
-            "--pixel-pitch: '11.7' is not a quantity in m",
+            "--pixel-pitch: '11.7' is not a quantity in m; give a length such as \"11.7 um\"",
         ),
         (
             ["--board", "6x4", *PITCH],
@@ -143,7 +143,8 @@ def test_frames_for_fields_are_told_apart_by_the_sensor(program):
         ),
         (
             [*BOARD, *PITCH, "--board-std", "thin", "--scan", "interlaced"],
-            "--board-std: 'thin' is not a quantity that can be read; expected m",
+            "--board-std: 'thin' is not a quantity that can be read; expected m; give a length "
+            'such as "11.7 um"',
         ),
     ],
 )

@@ -189,10 +189,7 @@ class TestRefusals:
 
     def test_a_thumbnail(self, grey, tmp_path):
         path = written(tmp_path / "a.png", grey[:20, :20])
-        message = (
-            "a.png: 20 x 20 pixels are too few to show a board; give pictures of 32 x 32 pixels or "
-            "more"
-        )
+        message = "a.png: 20 x 20 pixels are too few; give pictures of 32 x 32 pixels or more"
         with pytest.raises(CalibrationError, match=re.escape(message)):
             taken([path])
 

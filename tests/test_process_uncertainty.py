@@ -48,8 +48,9 @@ def test_roll_of_the_camera_is_that_of_the_angle(measured):
     np.testing.assert_allclose(after, np.hypot(before, 0.02), rtol=1e-6)
     np.testing.assert_array_equal(rolled.record["angle_deg"], plain.record["angle_deg"])
     np.testing.assert_array_equal(rolled.record["angle_std_deg"], plain.record["angle_std_deg"])
+    # What is left over is Student's: the noise is known from the record alone.
     added = rolled.log["mean_angle_u95_deg"] ** 2 - plain.log["mean_angle_u95_deg"] ** 2
-    assert np.sqrt(added) == pytest.approx(1.959964 * 0.02, rel=1e-6)
+    assert np.sqrt(added) == pytest.approx(1.959964 * 0.02, rel=1e-4)
 
 
 def test_height_over_the_camera_counts_with_a_turned_one(measured):

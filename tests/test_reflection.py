@@ -358,7 +358,7 @@ def test_setup_reads_the_reflection(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "expected"),
     [
-        ('radius = "60 mm"', "", "glint.reflection.radius: Field required"),
+        ('radius = "60 mm"', "", "glint.reflection.radius: missing"),
         ('"60 mm"\nlamp', '"0 mm"\nlamp', "glint.reflection.radius: 0 must be greater than zero"),
         ("radius =", "raduis =", "unknown key glint.reflection.raduis; did you mean radius?"),
         (

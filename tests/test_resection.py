@@ -456,7 +456,10 @@ def test_a_setup_takes_the_pose_from_its_file(tmp_path):
         (("kind = ", "sort = "), "unknown key|missing"),
         (('"X_m",', '"x_m",'), "covariance: parameters must be X_m, Y_m, Z_m, omega_rad"),
         (("degrees_of_freedom = 1", "degrees_of_freedom = -1"), "fit.degrees_of_freedom: "),
-        (("[interior]\n", "[interior]\nnew = 1\n"), r"interior\.new: unknown key"),
+        (
+            ("[interior]\n", "[interior]\nnew = 1\n"),
+            r"unknown key interior\.new; known keys here: parameters, s",
+        ),
     ],
 )
 def test_a_file_that_was_edited_wrongly_is_refused(tmp_path, change, problem):

@@ -57,7 +57,7 @@ def test_a_mesh_lies_beside_its_scene_file(tmp_path):
             'body.radius: 0.06 has no unit; write it as a string, e.g. "0.06 m"',
         ),
         ("[body]\nradius = '-6 mm'\n", "body.radius: -0.006 must be greater than zero"),
-        ("[lamp]\ncentre = ['1 m']\n", "lamp.centre[1]: Field required"),
+        ("[lamp]\ncentre = ['1 m']\n", "lamp.centre[1]: missing"),
         ("[sensor]\nbits = 7\n", "sensor.bits: Input should be greater than or equal to 8"),
         ("[surfce]\n", "unknown key surfce; did you mean surface?"),
     ],

@@ -163,6 +163,9 @@ def test_a_table_of_targets_that_cannot_be_used_is_refused(table, text, units, p
         read_target_field(path, units=units)
 
 
+STD = "a std must be greater than zero, and 1000 pixels at most"
+
+
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
@@ -171,7 +174,8 @@ def test_a_table_of_targets_that_cannot_be_used_is_refused(table, text, units, p
             "column u says mm; image measurements are in pixels",
         ),
         ("id,u,v,std_u\nA,1,2,1\n", "std_u alone; give std_u and std_v, or neither"),
-        ("id,u,v,std_u,std_v\nA,1,2,1,0\n", "line 2: a std must be greater than zero"),
+        ("id,u,v,std_u,std_v\nA,1,2,1,0\n", f"line 2: {STD}"),
+        ("id,u,v,std_u,std_v\nA,1,2,1,1e300\n", f"line 2: {STD}"),
         ("id,u,v,parity\nA,1,2,top\n", "line 2: parity is 'top'; give even or odd"),
         (
             "id,u,v\nA,1,2\nB,1,2\n",
@@ -382,8 +386,8 @@ def test_clipped_targets_are_left_out():
 
 def test_a_picture_of_something_else_is_named():
     with refusal(
-        "field: 0 circles are found that cannot be told to be the 24 targets of the field; check "
-        "polarity, position and rotation in [camera], and the target field"
+        "field: no circle is found; see that the targets are lit, in focus and 4 pixels across or "
+        "more, and choose their polarity"
     ):
         measure_target_field(
             [photograph(np.full((240, 752), 30, np.uint8))], field(grid()), in_setup(APPROXIMATE)

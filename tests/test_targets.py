@@ -91,6 +91,34 @@ def test_centroids_are_unbiased_and_their_covariance_holds(kind, polarity):
     assert found.semi_axes.mean(axis=0) == pytest.approx(semi_axes, abs=0.25)
 
 
+HARD = {  # semi-axes, blur, spacing, where noise is not all: a mean of 16 fields has little
+    "small and sharp": ((3.0, 3.0), (0.0, 0.0), (22, 22)),
+    "near each other": ((6.0, 6.0), (0.6, 0.6), (15, 15)),
+    "blurred as far as the window": ((11.9, 5.1), (1.8, 0.9), (50, 36)),
+}
+
+
+@pytest.mark.parametrize("fields", [1, 16])
+@pytest.mark.parametrize("kind", HARD)
+def test_the_scatter_of_rendered_discs_is_no_more_than_stated(kind, fields):
+    """Errors over the phases of the pixels: sampling and what the window cuts off included."""
+    semi_axes, blur, spacing = HARD[kind]
+    rng, shape = np.random.default_rng(7), (180, 420)
+    sensor = Sensor(read_noise=0.7, black_level=10)
+    centres = grid(rng, shape, spacing)
+    light = 15 + 150 * paint([ellipse(c, semi_axes) for c in centres], shape, blur=blur)
+    image = np.mean([record(light, sensor, rng=rng) for _ in range(fields)], axis=0)
+    found = find_targets(image)
+    inside = np.all((centres > 17) & (centres < np.array(shape[::-1]) - 17), axis=1)
+    centres = centres[inside]
+    apart = np.hypot(found.u[:, None] - centres[:, 0], found.v[:, None] - centres[:, 1])
+    found = found.take(apart.min(axis=1) < 1)
+    white = errors(found, centres) / np.sqrt(np.diagonal(found.covariance, axis1=1, axis2=2))
+    scatter = np.sqrt(np.mean(white**2, axis=0))
+    assert np.all(scatter < 1 + 2.5 / np.sqrt(2 * len(found)))
+    assert np.all(scatter > 0.35)
+
+
 @pytest.mark.parametrize("blur", [0.0, 0.3])
 @pytest.mark.parametrize("semi_axes", [(2.5, 2.5), (5.9, 2.5), (6.1, 6.1)])
 def test_no_centroid_is_drawn_to_whole_pixels(semi_axes, blur):

@@ -22,6 +22,8 @@ _EXAMPLES = {
     "charuco": "charuco:11x8:30mm:22mm:5x5_250",
 }
 
+_MOST = 100  # corners or circles along a side
+
 
 @dataclass(frozen=True)
 class Board:
@@ -56,6 +58,11 @@ class Board:
             raise CalibrationError(
                 f"a board of {self.shape[0]} x {self.shape[1]} corners or circles is too small; "
                 "use one of 3 x 3 at least, better 9 x 6"
+            )
+        if max(self.shape) > _MOST:
+            raise CalibrationError(
+                f"a board of {self.shape[0]} x {self.shape[1]} corners or circles is too fine to "
+                f"be seen; use one of {_MOST} x {_MOST} at most, better 9 x 6"
             )
         if not 0 < self.spacing < np.inf:
             raise CalibrationError(

@@ -144,6 +144,13 @@ def _thorough_corners(grey: Bytes, shape: tuple[int, int]) -> Floats | None:
 
 def _charuco(square: _Square, board: Board) -> Found | NotFound:
     dictionary = cv2.aruco.getPredefinedDictionary(_dictionary(board.dictionary or ""))
+    needed, there = board.columns * board.rows // 2, len(dictionary.bytesList)
+    if needed > there:
+        raise CalibrationError(
+            f"a board of {board.columns} x {board.rows} squares has {needed} markers, and "
+            f"{str(board.dictionary).lower()} only {there}; give the board's own "
+            "dictionary and size"
+        )
     best, n_markers = _plain(np.empty(0, np.int64), np.empty((0, 2))), 0
     for legacy in (False, True):  # boards drawn before OpenCV 4.6 differ where rows are even
         printed = cv2.aruco.CharucoBoard(

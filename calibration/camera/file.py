@@ -4,14 +4,13 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-import pydantic
 import tomli_w
 from numpy.typing import ArrayLike
 from pydantic import Field, model_validator
 
-from glint_aoa.errors import CalibrationError
+from calibration._result_file import ResultFile
 from glint_aoa.records._files import replacing
-from glint_aoa.setup import Section, read_toml
+from glint_aoa.setup import Section
 from glint_aoa.setup.section import Number, PositiveCount, PositiveMetres
 
 _HEADER = """\
@@ -22,6 +21,8 @@ _HEADER = """\
 # {summary}
 
 """
+
+_RESULT = ResultFile("camera calibration", "camera")
 
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
 _NotNegative = Annotated[float, Field(allow_inf_nan=False, ge=0)]
@@ -156,24 +157,4 @@ def write_camera_file(
 
 def read_camera_file(path: Path) -> CameraFile:
     """Read the file; see `calibration.camera.CameraCalibration.load`."""
-    content = read_toml(
-        path,
-        missing="no such camera calibration; make one with glint-aoa calibrate camera",
-        error=CalibrationError,
-    )
-    try:
-        return CameraFile.model_validate(content)
-    except pydantic.ValidationError as error:
-        raise CalibrationError(f"{path}: {_first_problem(error)}") from None
-
-
-def _first_problem(error: pydantic.ValidationError) -> str:
-    problem = error.errors(include_url=False)[0]
-    where = ".".join(str(part) for part in problem["loc"])
-    message = problem["msg"].removeprefix("Value error, ")
-    if problem["type"] == "missing":
-        message = "missing"
-    elif problem["type"] == "extra_forbidden":
-        message = "unknown key"
-    said = f"{where}: {message}" if where else message
-    return f"not a camera calibration that can be used ({said}); repeat glint-aoa calibrate camera"
+    return _RESULT.validated(path, _RESULT.read(path), CameraFile)

@@ -40,9 +40,7 @@ _FLATTISH = 0.3  # depth of targets over their width: more of it allows one pose
 _MOST_STARTS = 3
 _PLAINLY_LINEAR = np.radians(0.1)
 _STDS = 2.0
-_WIDEST = 4.0  # times the standard deviation
-_PROBES = 6
-_PROBED = 0.05  # relative change
+_REACHES = (4.0, 2.8, 2.0, 1.4, 1.0)  # times the standard deviations, from far to near
 
 
 class Solution(NamedTuple):
@@ -204,6 +202,8 @@ def widening(problem: Problem, fit: PoseFit, used: Bools, *, excess: float) -> f
 def _reach(problem: Problem, fit: PoseFit, used: Bools, angle: int, scale: float) -> float:
     """Return how far chi-square takes to grow as at 2 standard deviations, over these; 1 to 4.
 
+    It is looked at from far to near, since it may fall again towards the other pose of a plane.
+
     Parameters
     ----------
     problem : Problem
@@ -219,8 +219,8 @@ def _reach(problem: Problem, fit: PoseFit, used: Bools, angle: int, scale: float
     """
     is_moved = np.arange(6) == angle
     along = scale * fit.inverse[:, angle] / np.sqrt(fit.inverse[angle, angle])
-    reach = 1.0
-    for _ in range(_PROBES):
+    beyond = np.nan, np.nan
+    for reach in _REACHES:
         aside = fit.pose + _STDS * reach * along
         held = replace(
             problem,
@@ -228,11 +228,12 @@ def _reach(problem: Problem, fit: PoseFit, used: Bools, angle: int, scale: float
             value=np.where(is_moved, aside, problem.value),
         )
         growth = fit_used(held, aside, used, noise=fit.noise).chi_square - fit.chi_square
-        wanted = reach * _STDS * abs(scale) / np.sqrt(max(growth, 1e-3))
-        before, reach = reach, float(np.clip(wanted, 1.0, _WIDEST))
-        if abs(reach - before) < _PROBED * before:
-            break
-    return reach
+        grown = np.sqrt(max(growth, 0.0)) / (_STDS * abs(scale))
+        if grown < 1:
+            between = (1 - grown) / (beyond[1] - grown)
+            return reach + (beyond[0] - reach) * between if between >= 0 else reach
+        beyond = reach, grown
+    return 1.0
 
 
 def sensitivity_to_interior(problem: Problem, fit: PoseFit, used: Bools) -> Floats:

@@ -4,13 +4,12 @@ from pathlib import Path
 from typing import Annotated, Literal, Self
 
 import numpy as np
-import pydantic
 import tomli_w
 from pydantic import Field, model_validator
 
-from glint_aoa.errors import CalibrationError
+from calibration._result_file import ResultFile
 from glint_aoa.records._files import replacing
-from glint_aoa.setup import Section, quantity, read_toml
+from glint_aoa.setup import Section, quantity
 
 _HEADER = """\
 # Space resection of glint-aoa: the camera's pose in the tunnel frame.
@@ -26,6 +25,8 @@ _HEADER = """\
 
 PARAMETERS = ("X_m", "Y_m", "Z_m", "omega_rad", "phi_rad", "kappa_rad")
 """Names of the pose's parameters, as the file has them."""
+
+_RESULT = ResultFile("space resection", "resect")
 
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
 _Positive = Annotated[float, Field(allow_inf_nan=False, gt=0)]
@@ -192,24 +193,4 @@ def write_pose_file(path: Path, content: PoseFile, summary: str, *, overwrite: b
 
 def read_pose_file(path: Path) -> PoseFile:
     """Read the file; see `calibration.resection.SpaceResection.load`."""
-    content = read_toml(
-        path,
-        missing="no such space resection; make one with glint-aoa calibrate resect",
-        error=CalibrationError,
-    )
-    try:
-        return PoseFile.model_validate(content)
-    except pydantic.ValidationError as error:
-        raise CalibrationError(f"{path}: {_first_problem(error)}") from None
-
-
-def _first_problem(error: pydantic.ValidationError) -> str:
-    problem = error.errors(include_url=False)[0]
-    where = ".".join(str(part) for part in problem["loc"])
-    message = problem["msg"].removeprefix("Value error, ")
-    if problem["type"] == "missing":
-        message = "missing"
-    elif problem["type"] == "extra_forbidden":
-        message = "unknown key"
-    said = f"{where}: {message}" if where else message
-    return f"not a space resection that can be used ({said}); repeat glint-aoa calibrate resect"
+    return _RESULT.validated(path, _RESULT.read(path), PoseFile)

@@ -34,6 +34,7 @@ _AXES = ("X", "Y", "Z")
 _PARITY = {"even": 0.0, "0": 0.0, "odd": 0.5, "1": 0.5, "": 0.0}
 _PIXELS = ("", "pixel", "pixels", "px")
 _MOST_NAMED = 5
+_MOST_STD = 1000.0  # pixels
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,6 +203,11 @@ def match_targets(
     found = match(targets.points, uv, interior, pose)
     if found is None:
         _explain_no_match(targets, uv, interior, pose)
+        if not len(uv):
+            raise CalibrationError(
+                "no circle is found; see that the targets are lit, in focus and 4 pixels across "
+                "or more, and choose their polarity"
+            )
         circles = "1 circle is" if len(uv) == 1 else f"{len(uv)} circles are"
         raise CalibrationError(
             f"{circles} found that cannot be told to be the {len(targets)} targets of the field; "
@@ -321,10 +327,13 @@ def _covariance(table: TargetTable) -> Floats | None:
     if len(given) == 1:
         raise CalibrationError(f"{table.path}: {given[0]} alone; give std_u and std_v, or neither")
     std = np.stack([table.numbers(name) for name in given], axis=-1)
-    bad = (std <= 0).any(axis=1)
+    bad = ~((std > 0) & (std <= _MOST_STD)).all(axis=1)
     if bad.any():
         line = table.rows[int(np.argmax(bad))]
-        raise CalibrationError(f"{table.path}: line {line}: a std must be greater than zero")
+        raise CalibrationError(
+            f"{table.path}: line {line}: a std must be greater than zero, and {_MOST_STD:g} pixels "
+            "at most"
+        )
     return std[:, :, None] ** 2 * np.eye(2)
 
 

@@ -7,17 +7,16 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-import pydantic
 import tomli_w
 from pydantic import Field, model_validator
 
+from calibration._result_file import ResultFile
 from calibration.sweep._hysteresis import Hysteresis
 from calibration.sweep.curve import SweepCurve
 from calibration.sweep.point import SweepPoint
 from calibration.sweep.setup import SweepSetup
-from glint_aoa.errors import CalibrationError
 from glint_aoa.records._files import replacing
-from glint_aoa.setup import Section, read_toml
+from glint_aoa.setup import Section
 
 __all__ = [
     "CurveEntry",
@@ -38,6 +37,8 @@ _HEADER = """\
 # {summary}
 
 """
+
+_RESULT = ResultFile("pitch sweep", "sweep")
 
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
 _Positive = Annotated[float, Field(allow_inf_nan=False, gt=0)]
@@ -293,26 +294,7 @@ def write_sweep_file(path: Path, content: SweepFile, summary: str, *, overwrite:
 
 def read_sweep_file(path: Path) -> SweepFile:
     """Read the file; see `calibration.sweep.PitchSweep.load`."""
-    content = read_toml(
-        path,
-        missing="no such pitch sweep; make one with glint-aoa calibrate sweep",
-        error=CalibrationError,
-    )
-    try:
-        if "polynomial" in content:
-            content = _OneCurveFile.model_validate(content).in_curves()
-        return SweepFile.model_validate(content)
-    except pydantic.ValidationError as error:
-        raise CalibrationError(f"{path}: {_first_problem(error)}") from None
-
-
-def _first_problem(error: pydantic.ValidationError) -> str:
-    problem = error.errors(include_url=False)[0]
-    where = ".".join(str(part) for part in problem["loc"])
-    message = problem["msg"].removeprefix("Value error, ")
-    if problem["type"] == "missing":
-        message = "missing"
-    elif problem["type"] == "extra_forbidden":
-        message = "unknown key"
-    said = f"{where}: {message}" if where else message
-    return f"not a pitch sweep that can be used ({said}); repeat glint-aoa calibrate sweep"
+    content = _RESULT.read(path)
+    if "polynomial" in content:
+        content = _RESULT.validated(path, content, _OneCurveFile).in_curves()
+    return _RESULT.validated(path, content, SweepFile)

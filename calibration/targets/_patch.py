@@ -16,6 +16,7 @@ Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _RING = 4.0  # pixels of background around the window
+_SOFT = 1.0  # pixels over which a window fades
 _EDGE = 1.5  # pixels within the outline from which the disc counts as evenly bright
 _LEAST_RING = 12  # pixels that a plane is fitted to
 _LEAST_BENT = 14  # pixels of the disc's middle from which it may be tilted and bent
@@ -88,6 +89,8 @@ class Patch:
         Grey levels there.
     of_background : ndarray, shape (2, 2)
         Covariance of the centroid for a background whose pixels vary by 1 grey level [pixels^2].
+    of_sampling : ndarray, shape (2,)
+        Variance of u and v from the place of the disc's edge among the pixels [pixels^2].
     background, middle : Scatter
         What is left of the background, and of the disc's middle, after a smooth surface.
     """
@@ -98,6 +101,7 @@ class Patch:
     sensitivity: Floats
     grey: Floats
     of_background: Floats
+    of_sampling: Floats
     background: Scatter
     middle: Scatter
 
@@ -106,6 +110,7 @@ class Patch:
         own = (self.sensitivity * noise.variance(self.grey)) @ self.sensitivity.T
         around = noise.variance(self.background.level)
         covariance: Floats = own + float(around) * self.of_background
+        covariance += np.diag(self.of_sampling)
         return covariance
 
 
@@ -125,6 +130,21 @@ def inside(u: Floats, v: Floats, outline: Outline, margin: float) -> Mask:
         (minor[0] * du + minor[1] * dv) / b
     ) ** 2 <= 1
     return within
+
+
+def _window(u: Floats, v: Floats, outline: Outline, margin: float) -> Floats:
+    """Weight of pixels, from 1 inside to 0 across the edge of an ellipse longer by `margin`.
+
+    A pixel that the edge crosses counts in part: were it in or out, a target's last light would
+    draw the centroid with the phase of the pixels.
+    """
+    du, dv = u - outline.centre[0], v - outline.centre[1]
+    axes = (outline.semi_axes + margin)[:, None, None]
+    across = np.einsum("kl,lij->kij", outline.directions, np.stack([du, dv])) / axes
+    radius = np.maximum(np.hypot(*across), 1e-9)
+    steepness = np.maximum(np.hypot(*(across / axes)) / radius, 1e-9)
+    weight: Floats = np.clip(0.5 + (1 - radius) / steepness / _SOFT, 0.0, 1.0)
+    return weight
 
 
 def measure_patch(
@@ -244,14 +264,14 @@ class _Cut:
         return found if found is not None and _fits(contour, found) else None
 
     def measured(self, outline: Outline, sign: float) -> Patch | None:
-        window = inside(self.u, self.v, outline, self.margin) & ~self.taken
-        points = np.stack([self.u[window], self.v[window]])
-        signal = self.signal[window]
-        total = signal.sum()
+        weight = _window(self.u, self.v, outline, self.margin) * ~self.taken
+        window = weight > 0
+        points, weight = np.stack([self.u[window], self.v[window]]), weight[window]
+        total = weight @ self.signal[window]
         if not sign * total > 0:
             return None
-        centroid = points @ signal / total
-        sensitivity = (points - centroid[:, None]) / total
+        centroid = points @ (weight * self.signal[window]) / total
+        sensitivity = weight * (points - centroid[:, None]) / total
         pull = sensitivity @ _plane(points[0], points[1], self.origin)
         return Patch(
             outline=outline,
@@ -260,9 +280,22 @@ class _Cut:
             sensitivity=sensitivity,
             grey=self.grey[window],
             of_background=pull @ self.inverse @ pull.T,
+            of_sampling=_sampling_variance(outline, self.blur(outline, sign)),
             background=self.background,
             middle=self._middle_scatter(outline),
         )
+
+    def blur(self, outline: Outline, sign: float) -> float:
+        """Return the standard deviation of the edge's Gaussian blur, without the pixel's [pixels].
+
+        A blurred step of height 1 has the integral blur / sqrt(pi) of s (1 - s).
+        """
+        near = _window(self.u, self.v, outline, self.margin) * ~self.taken
+        share = np.clip(self.signal / self.height(outline, sign), 0.0, 1.0)
+        a, b = outline.semi_axes
+        perimeter = np.pi * (3 * (a + b) - np.sqrt((3 * a + b) * (a + 3 * b)))  # Ramanujan's
+        whole = np.sqrt(np.pi) * float(np.sum(near * share * (1 - share))) / perimeter
+        return float(np.sqrt(max(whole**2 - 1 / 12, 0.0)))
 
     def _middle_scatter(self, outline: Outline) -> Scatter:
         middle = self.middle(outline)
@@ -275,6 +308,19 @@ class _Cut:
         design = np.hstack([plane, bent]) if count >= _LEAST_BENT else plane[:, :1]
         left = grey - design @ np.linalg.lstsq(design, grey, rcond=None)[0]
         return Scatter(float(left @ left), count - design.shape[1], float(grey.mean()))
+
+
+def _sampling_variance(outline: Outline, blur: float) -> Floats:
+    r"""Variance of u and v of the sampled centroid of a sharp disc [pixels^2], shape (2,).
+
+    Pixels see what a box has averaged. The centroid of the samples departs from the disc's by
+    :math:`\hat g(1) / \pi`, where :math:`\hat g(1)` is the disc's spectrum at one cycle a pixel,
+    times the sine of its phase: :math:`2 J_1(q) / q \, e^{-2 \pi^2 \sigma^2}` with q = 2 pi times
+    its half extent. J1 is taken at its crests.
+    """
+    q = 2 * np.pi * outline.half_extent(0.0)
+    variance: Floats = 4 / (np.pi * q) ** 3 * np.exp(-4 * (np.pi * blur) ** 2)
+    return variance
 
 
 def _plane(u: Floats, v: Floats, centre: Floats) -> Floats:

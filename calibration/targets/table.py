@@ -158,7 +158,13 @@ def _lines(path: Path) -> list[tuple[int, list[str]]]:
             found = [(reader.line_num, [cell.strip() for cell in row]) for row in reader]
     except FileNotFoundError:
         raise CalibrationError(f"{path}: no such table; check its name and folder") from None
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+    except IsADirectoryError:
+        raise CalibrationError(f"{path}: a folder, expected a table; give the file in it") from None
+    except UnicodeDecodeError:
+        raise CalibrationError(
+            f"{path}: not a CSV table in UTF-8; export it again as such"
+        ) from None
+    except (OSError, csv.Error) as error:
         raise CalibrationError(f"{path}: not a CSV table ({error}); write it again") from None
     return [(line, cells) for line, cells in found if any(cells) and not cells[0].startswith("#")]
 

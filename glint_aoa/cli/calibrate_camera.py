@@ -223,7 +223,7 @@ def _length(text: str, option: str) -> float:
     try:
         return parse_quantity(text, "m")
     except ValueError as error:
-        raise InputError(f"{option}: {error}") from None
+        raise InputError(f'{option}: {error}; give a length such as "11.7 um"') from None
 
 
 def _check_out(out: Path, picture: Path, images: list[Path], setup: Path | None) -> None:

@@ -1,5 +1,6 @@
 """``glint-aoa calibrate resect``: the camera's pose from known targets."""
 
+import math
 import os
 from collections.abc import Sequence
 from enum import StrEnum
@@ -28,7 +29,8 @@ __all__ = ["resect"]
 
 _SUSPICIOUS = 3.0  # reduced chi-square at which the user should look at the residuals
 _CONTRADICTS = 3.3  # standard deviations
-_ROUGH = 1.5  # factor of the variances where chi-square is no parabola
+_ROUGH = 1.2  # factor of the variances where chi-square is no parabola
+_VAGUE = math.radians(0.5)  # of a plane: from here on the intervals' coverage sinks
 _ADVICE = "add targets off their plane, or tilt it"
 _NAMES = ("X", "Y", "Z", "omega", "phi", "kappa")
 
@@ -277,10 +279,12 @@ def _doubts(found: "SpaceResection", picture: Path) -> list[str]:
             f"These targets allow another pose as well (omega, phi, kappa {other} deg); the one "
             f"nearer to rotation in [camera] was taken; {_ADVICE}"
         )
-    if found.widening > _ROUGH:
+    vaguest = float(found.std[3:].max())
+    if found.widening > _ROUGH or (found.coplanar and vaguest > _VAGUE):
         doubts.append(
-            "These targets hardly show which way they are tilted, and the uncertainty is rough; "
-            f"{_ADVICE}"
+            "These targets hardly show which way they are tilted, and the uncertainty is rough: "
+            f"the rotation is known to {math.degrees(vaguest):.2g} deg only, and a 95 % interval "
+            f"may hold the truth in 90 % only; {_ADVICE}"
         )
     return doubts
 

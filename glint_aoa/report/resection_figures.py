@@ -142,6 +142,7 @@ def _draw_scatter(axes: "Axes", resection: SpaceResection) -> None:
     axes.set_ylim(reach[1], -reach[1])
     axes.axhline(0, color=_GREY, linewidth=0.8)
     axes.axvline(0, color=_GREY, linewidth=0.8)
+    axes.locator_params(axis="x", nbins=6)  # else the numbers run into each other
     axes.set_xlabel("residual of u [pixels]")
     axes.set_ylabel("residual of v [field lines]")
     axes.grid(alpha=0.25)

@@ -26,6 +26,7 @@ __all__ = [
     "Section",
     "Unit",
     "finite",
+    "first_problem",
     "load_section",
     "nearest",
     "positive",
@@ -147,13 +148,22 @@ def validated(path: Path, content: dict[str, Any], section: type[_S]) -> _S:
     try:
         return TypeAdapter(section).validate_python(content)
     except pydantic.ValidationError as error:
-        raise SetupError(f"{path}: {_first_problem(error, section)}") from None
+        raise SetupError(f"{path}: {first_problem(error, section)}") from None
 
 
 _UNKNOWN = {"extra_forbidden", "unexpected_keyword_argument"}
 
 
-def _first_problem(error: pydantic.ValidationError, section: type) -> str:
+def first_problem(error: pydantic.ValidationError, section: type) -> str:
+    """Say which key of a file is wrong and why; of several the first, an unknown key above all.
+
+    Parameters
+    ----------
+    error : ValidationError
+        What pydantic found.
+    section : type
+        What the file was to hold.
+    """
     problems = error.errors(include_url=False)
     unknown = (each for each in problems if each["type"] in _UNKNOWN)
     problem = next(unknown, problems[0])
@@ -161,7 +171,8 @@ def _first_problem(error: pydantic.ValidationError, section: type) -> str:
     if problem["type"] in _UNKNOWN:
         *parents, key = problem["loc"]
         return f"unknown key {where}; {nearest(str(key), _section_at(parents, section))}"
-    message = problem["msg"].removeprefix("Value error, ")
+    missing = problem["type"] == "missing"
+    message = "missing" if missing else problem["msg"].removeprefix("Value error, ")
     return f"{where}: {message}" if where else message
 
 
