@@ -2,6 +2,7 @@
 
 import re
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,21 @@ from glint_aoa.records.angles import FIELD_COLUMNS, LOG_COLUMNS
 from glint_aoa.records.fields import FieldInfo
 from glint_aoa.records.points import RecordedPoint, write_point
 from glint_aoa.setup import Setup, load_setup
+from glint_aoa.setup.section import _keys
+from render_sim.campaign_file import load_campaign
+from render_sim.scene import (
+    Air,
+    Body,
+    Lamp,
+    Optics,
+    Recorder,
+    Scene,
+    Sensor,
+    Shake,
+    Surface,
+    load_scene,
+    paper_scene,
+)
 
 ROOT = Path(__file__).parents[1]
 DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -22,7 +38,15 @@ def blocks(path, language):
     return re.findall(rf"^```{language}\n(.*?)^```", path.read_text(), re.MULTILINE | re.DOTALL)
 
 
-SETUPS = [(path.name, text) for path in DOCUMENTS for text in blocks(path, "toml")]
+SIMULATION = {
+    text.split("\n", 1)[0]: text for text in blocks(ROOT / "docs" / "simulation.md", "toml")
+}
+SETUPS = [
+    (path.name, text)
+    for path in DOCUMENTS
+    for text in blocks(path, "toml")
+    if text not in SIMULATION.values()
+]
 
 
 @pytest.mark.parametrize(("name", "text"), SETUPS, ids=[name for name, _ in SETUPS])
@@ -44,6 +68,25 @@ def test_files_names_every_key_of_the_setup():
                 yield from missing(inner, f"{where}{key}.")
 
     assert list(missing(Setup)) == []
+
+
+def test_the_campaign_of_the_documents_is_valid(tmp_path):
+    (tmp_path / "test.toml").write_text(SIMULATION["# campaign"])
+    campaign = load_campaign(tmp_path / "test.toml")
+    assert len(campaign.points) == 17
+    assert campaign.scene == tmp_path / "scene.toml"
+
+
+def test_the_scene_of_the_documents_names_every_key_and_is_the_papers(tmp_path):
+    text = SIMULATION["# scene"]
+    (tmp_path / "scene.toml").write_text(text)
+    scene = load_scene(tmp_path / "scene.toml")
+    wrong = {"other_lamps": (), "air": Air(), "recorder": Recorder(), "shake": ()}
+    assert replace(scene, **wrong) == paper_scene()
+    assert all(getattr(scene, name) != usual for name, usual in wrong.items())
+    for part in (Scene, Air, Body, Lamp, Optics, Recorder, Sensor, Shake, Surface):
+        for key in _keys(part):
+            assert re.search(rf"\b{key}\b", text), f"{part.__name__}: {key}"
 
 
 def test_files_lists_the_columns_and_flags():
@@ -80,7 +123,6 @@ def test_the_python_of_the_readme_runs(tmp_path, monkeypatch, capsys):
 
 
 def test_the_setup_of_the_demo_is_that_of_the_scene():
-    from render_sim.scene import paper_scene
 
     setup, scene = load_setup(ROOT / "glint_aoa" / "data" / "paper-test.toml"), paper_scene()
     assert setup.camera == scene.camera

@@ -201,7 +201,7 @@ def _keys(section: Any) -> dict[str, Any]:
 
 def _alias(hint: Any) -> str | None:
     told = (each.alias for each in get_args(hint) if isinstance(each, FieldInfo))
-    return next(told, None)
+    return next(filter(None, told), None)
 
 
 def _sections_in(annotation: Any) -> list[type]:
