@@ -54,6 +54,17 @@ def test_angle_and_intercept_of_a_known_line():
     assert (angles.columns_used >= 36).all()
 
 
+def test_a_lamp_turned_up_between_two_of_the_brightest_quarter():
+    rng = np.random.default_rng(8)
+    dim = line_fields(rng, n_fields=7, peak=60.0)
+    bright = line_fields(rng, n_fields=3, peak=180.0)
+    angles, _ = measure(
+        np.concatenate([dim, bright]), info=dataclasses.replace(INFO, interlaced=False)
+    )
+    assert np.abs(np.degrees(angles.angle)).max() < 0.02
+    assert (angles.columns_used == 38).all()
+
+
 def test_time_is_the_middle_of_the_exposure_and_parity_alternates():
     fields = line_fields(n_fields=5, shape=(60, 400), interlaced=True, row=30)
     info = dataclasses.replace(INFO, first_parity="odd", start_s=-0.5)

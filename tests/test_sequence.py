@@ -51,6 +51,13 @@ def where(flags, flag):
     return np.flatnonzero(flags & int(flag)).tolist()
 
 
+def test_what_a_moved_camera_shows_does_not_make_the_others_outlying():
+    row = np.where(np.arange(60) < 25, 40.0, 43.0)
+    made, displaced = centres(row), np.arange(60) >= 25
+    assert len(where(checked(made), Flag.MOVED)) > 10
+    assert where(checked(made, displaced=displaced), Flag.MOVED) == []
+
+
 @pytest.mark.parametrize("frequency", [0.0, 5.0, 9.2, 15.0, 20.0, 25.0, 29.0, 29.9])
 @pytest.mark.parametrize("interlaced", [True, False])
 def test_vibration_in_the_right_order_is_not_flagged(frequency, interlaced):

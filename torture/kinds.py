@@ -193,7 +193,8 @@ def fog(scene: Scene, rng: _Rng) -> None:
     share = np.linspace(0, 1, n) ** rng.uniform(0.5, 2)
     scene.over_fields = 1 - (1 - left) * (share if rng.random() < 0.7 else share[::-1])
     scene.background = scene.background + rng.uniform(0, 30)
-    scene.owed[scene.over_fields < 0.45] = Flag.FADING | _NOT_SEEN
+    lasting = np.sort(scene.over_fields)[-2]  # the very first field may be a flash
+    scene.owed[scene.over_fields < 0.45 * lasting] = Flag.FADING | _NOT_SEEN
     scene.allowed |= Flag.FADING
 
 
@@ -252,8 +253,9 @@ def parity_slip(scene: Scene, rng: _Rng) -> None:
     scene.order = np.delete(np.arange(n), lost)
     scene.shows = scene.order
     scene.owed = np.zeros(n - 1, np.int64)
-    scene.owed[lost] = Flag.DROPPED
-    scene.allowed |= Flag.PARITY_ORDER
+    # In strong motion the place may be found one field off; the order is wrong there all the same.
+    scene.owed[lost] = Flag.DROPPED | Flag.PARITY_ORDER
+    scene.allowed |= Flag.DROPPED | Flag.PARITY_ORDER
 
 
 def dropped_times(scene: Scene, rng: _Rng) -> None:
@@ -274,7 +276,8 @@ def repeated(scene: Scene, rng: _Rng) -> None:
     """Make some fields copies of the one before, or of the one of the same parity."""
     n = len(scene.row)
     back = 2 if scene.interlaced else int(rng.integers(1, 3))
-    for k in rng.choice(np.arange(4, n - 2), size=int(rng.integers(1, 4)), replace=False):
+    # In order, so that a copy of what was itself replaced shows the same field as that one.
+    for k in np.sort(rng.choice(np.arange(4, n - 2), size=int(rng.integers(1, 4)), replace=False)):
         scene.order[k] = scene.order[k - back]
         scene.owed[k] = Flag.REPEATED
 

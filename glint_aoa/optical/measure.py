@@ -151,10 +151,13 @@ def measure_prepared(
     angles = _angles(lines, np.arange(stack.n_fields, dtype=np.int64), measurement)
     if stack.times_s is not None:
         angles = _with_timestamps(angles, stack.times_s, recording)
-    seen = check_sequence(FieldLines.of_summary(lines), recording, times_s=stack.times_s)
+    moved = np.zeros(stack.n_fields, np.bool_)
     if measurement.mark is not None:
         moved = moved_fields(lines.mark_shift, measurement.mark)
-        seen |= np.where(moved, int(Flag.CAMERA_MOVED), 0)
+    seen = check_sequence(
+        FieldLines.of_summary(lines), recording, times_s=stack.times_s, displaced=moved
+    )
+    seen |= np.where(moved, int(Flag.CAMERA_MOVED), 0)
     return replace(angles, flags=angles.flags | seen)
 
 

@@ -208,7 +208,9 @@ def _alike_lit(measurement: Measurement, centres: ColumnCentres) -> NDArray[np.b
     known = height[np.isfinite(height)]
     if not known.size:
         return np.ones(height.size, np.bool_)
-    lit: NDArray[np.bool_] = np.abs(height / np.quantile(known, 0.75) - 1) < _ALIKE_LIT
+    lit: NDArray[np.bool_] = (
+        np.abs(height / np.quantile(known, 0.75, method="lower") - 1) < _ALIKE_LIT
+    )
     return lit
 
 

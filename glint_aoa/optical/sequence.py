@@ -61,7 +61,11 @@ class FieldLines:
 
 
 def check_sequence(
-    lines: FieldLines, recording: Recording, *, times_s: _Array | None = None
+    lines: FieldLines,
+    recording: Recording,
+    *,
+    times_s: _Array | None = None,
+    displaced: NDArray[np.bool_] | None = None,
 ) -> NDArray[np.int64]:
     """Check what fields of one stack must have in common with their neighbours.
 
@@ -74,6 +78,8 @@ def check_sequence(
     times_s : ndarray, shape (field,), optional
         Timestamps [s]. Where they show a gap, flagged `Flag.TIMING` elsewhere, motion is not
         followed across it.
+    displaced : ndarray of bool, shape (field,), optional
+        Fields that a moved camera shows at another place; they say nothing of the line's motion.
 
     Returns
     -------
@@ -116,6 +122,8 @@ def check_sequence(
     )
     flags |= np.where(parity.slipped, int(Flag.DROPPED), 0)
     flags |= np.where(parity.wrong, int(Flag.PARITY_ORDER), 0)
+    if displaced is not None:
+        shown = np.where(displaced, np.nan, shown)
     flags |= np.where(_moved(shown, lines, parity, gaps), int(Flag.MOVED), 0)
     return flags
 
