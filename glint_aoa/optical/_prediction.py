@@ -43,12 +43,10 @@ def predictor(z: _Array, breaks: _Mask) -> tuple[_Array, float]:
     order / 2 steady sines are predicted without error.
     """
     order = int(np.clip(np.isfinite(z).sum() // 5, 2, _ORDER))
-    rows = _windows(z, order)
-    if len(rows):
-        rows = rows[~_crossed(breaks, order)]
+    whole = _whole_windows(z, breaks, order)
+    whole = whole[:: -(-2 * whole.size // _ENOUGH) or 1]
+    rows = _windows(z, order)[whole]
     rows = np.concatenate([rows, rows[:, ::-1]])
-    rows = rows[np.isfinite(rows).all(axis=1)]
-    rows = rows[:: -(-len(rows) // _ENOUGH) or 1]
     if len(rows) < 2 * order + 2:
         return np.zeros(order), robust_scale(z)
     before, here = rows[:, -2::-1], rows[:, -1]
@@ -163,6 +161,17 @@ def _walk(
             far[k] = not bounds[0] <= z[k] <= bounds[1]
             clean[k], off = np.nan if far[k] else z[k], 0
     return far[start:]
+
+
+def _whole_windows(z: _Array, breaks: _Mask, order: int) -> NDArray[np.intp]:
+    """First fields of the windows of `order` + 1 values that lack none and cross no break."""
+    missing = np.concatenate([[0], np.cumsum(~np.isfinite(z))])
+    crossed = np.concatenate([[0], np.cumsum(breaks)])
+    n = max(z.size - order, 0)
+    end = order + 1
+    lacks = missing[end : end + n] - missing[:n]
+    crosses = crossed[end : end + n] - crossed[1 : 1 + n]
+    return np.flatnonzero((lacks == 0) & (crosses == 0))
 
 
 def _longest_runs(good: _Mask) -> list[tuple[int, int]]:
