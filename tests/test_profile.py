@@ -5,6 +5,7 @@ from scipy.special import ndtr
 from synthetic import line_fields
 
 from glint_aoa.flags import Flag
+from glint_aoa.optical import profile
 from glint_aoa.records import fields as fields_module
 
 U = np.linspace(-1, 1, 752)
@@ -32,6 +33,16 @@ def bias(line, *, n_fields=40, seed=2, **glint):
     slope, angles, how = measured(fields, **glint)
     error = (slope - line.efficient(fields, how.columns)) * PER_COLUMN
     return error.mean(), error.std() / np.sqrt(n_fields), angles, how
+
+
+def test_where_columns_are_noisy_their_common_line_helps_each(monkeypatch):
+    line = scene(row=31.27, lines=64, sigma=0.7, peak=20.0, read_noise=3.0)
+    ratio, error, angles, _ = against_the_bound(line, n_fields=500, seed=5)
+    assert ratio < 1.1
+    assert flags_of(angles) & ~(Flag.LOW_CONTRAST | Flag.PIXEL_LOCKING) == Flag(0)
+    monkeypatch.setattr(profile, "_NOISY", np.inf)
+    alone, _, _, _ = against_the_bound(line, n_fields=500, seed=5)
+    assert ratio < alone - error
 
 
 def test_the_efficient_slope_is_at_the_bound():

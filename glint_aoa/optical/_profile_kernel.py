@@ -7,6 +7,7 @@ import math
 import numba
 import numpy as np
 
+from glint_aoa.optical._line_kernel import plain_line
 from glint_aoa.optical._locate_kernel import coarse_rows
 from glint_aoa.optical._locate_kernel import scratch_for as search_scratch_for
 from glint_aoa.optical._summary_kernel import scratch_for as summary_scratch_for
@@ -16,6 +17,8 @@ _ROUNDS = 12
 _NEAR = 0.05  # lines: a match this near to where it was expanded is not repeated
 _SURE = 4.0  # standard deviations within which noise alone may put a match away from its start
 _SETTLED = 1e-4
+_LEAST_COLUMNS = 8  # that tell together where the line is
+_FAR = 4.0  # times the scatter: columns that do not count for that
 _ROOT_2, _ROOT_2_PI = math.sqrt(2.0), math.sqrt(2 * math.pi)
 
 
@@ -173,12 +176,54 @@ def _filtered(field, column, start, sign, tables, tilt, step, reach, ceiling, pi
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def scratch_for(settings):
     """Memory for `match_field`."""
-    profile = settings[1]
-    return np.empty(profile.shape[2], np.float32), np.empty(3), np.empty((3, 3)), np.empty(3)
+    profile, n = settings[1], settings[3].shape[1]
+    own = np.empty(profile.shape[2], np.float32), np.empty(3), np.empty((3, 3)), np.empty(3)
+    return own, np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(5)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def match_field(field, columns, start, settings, scratch, row, height, cut, clipped):
+    """Fill what `_match_columns` does, from a start as good as the field allows.
+
+    Where one column tells little, its match is best taken from where all together put the line:
+    by then the profile's change with the row is the straight one that the filters assume.
+    """
+    own, again, place, known, weight, spare, line = scratch
+    _match_columns(field, columns, start, settings, own, row, height, cut, clipped)
+    if not settings[10]:
+        return
+    for i in range(columns.size):
+        off = row[i] - start[i]
+        weight[i] = 1.0 if off == off else 0.0  # noqa: PLR0124  NaN is not
+        known[i] = off if off == off else 0.0  # noqa: PLR0124
+        place[i] = np.float64(columns[i])
+    if plain_line(place, known, weight, spare, line) < _LEAST_COLUMNS:
+        return
+    scatter = _least_scatter(place, known, weight, line)
+    for i in range(columns.size):
+        is_far = abs(known[i] - line[1] - line[0] * place[i]) > _FAR * scatter
+        weight[i] = 0.0 if is_far else weight[i]
+    if plain_line(place, known, weight, spare, line) < _LEAST_COLUMNS:
+        return
+    for i in range(columns.size):
+        again[i] = start[i] + line[1] + line[0] * place[i]
+    _match_columns(field, columns, again, settings, own, row, height, cut, clipped)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _least_scatter(place, known, weight, line):
+    """Scatter about a line by the median of what there is."""
+    off = np.empty(place.size)
+    count = 0
+    for i in range(place.size):
+        if weight[i] > 0.0:
+            off[count] = abs(known[i] - line[1] - line[0] * place[i])
+            count += 1
+    return 1.4826 * np.median(off[:count])
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _match_columns(field, columns, start, settings, own, row, height, cut, clipped):
     """Fill `row`, NaN where there is none, `height`, `cut` and `clipped` [column].
 
     `settings` are sign; `profile` [4, phase, line], the profile, its slope, the weights' taper, and
@@ -187,10 +232,10 @@ def match_field(field, columns, start, settings, scratch, row, height, cut, clip
     [2, phase], and its standard deviation times the height [phase]; `uneven` [2, column] that tilt
     and step, `usual` [2, column] height and level; `noise`; `core`, half of what must lie within
     the window, and how far a centre may lie from its start [lines]; the least height, and the level
-    that clips. `scratch` is from `scratch_for`.
+    that clips; whether single columns are noisy. `own` is the first of `scratch_for`.
     """
-    sign, profile, tables, uneven, usual, noise, core, reach, threshold, saturation = settings
-    pixel, state, a, b = scratch
+    sign, profile, tables, uneven, usual, noise, core, reach, threshold, saturation, _ = settings
+    pixel, state, a, b = own
     rows = field.shape[0]
     ceiling = saturation if sign > 0 else np.inf  # the glint of a dark line is far from the top
     for i in range(columns.size):

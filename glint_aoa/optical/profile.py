@@ -21,6 +21,7 @@ _Array = NDArray[np.float64]
 _PHASES = 64  # tabulated to a line
 _REACH = 2.0  # lines that a centre may lie from its start, at least
 _CLEARLY = 3.0  # standard deviations of a scatter by chance
+_NOISY = 0.05  # lines of noise in a column's centre, from which columns are matched twice
 _CORE = 0.6  # of the half width must lie within the window
 
 
@@ -84,6 +85,7 @@ class ProfileMatch(FusedEstimator):
             max(_REACH, 0.5 * shape.half_width),
             shape.threshold,
             float(shape.saturation),
+            bool(np.median(tables.spread) > _NOISY * np.median(self.usual[0])),
         )
 
 
