@@ -1,11 +1,13 @@
-"""The TOML file that a calibration writes: read back, or refused in one sentence."""
+"""The TOML file that a calibration writes, and reads back or refuses in one sentence."""
 
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 import pydantic
+import tomli_w
 
 from glint_aoa.errors import CalibrationError
+from glint_aoa.records._files import replacing
 from glint_aoa.setup import Section, read_toml
 from glint_aoa.setup.section import first_problem
 
@@ -23,10 +25,25 @@ class ResultFile(NamedTuple):
         Such as ``"space resection"``.
     command : str
         The command under ``glint-aoa calibrate``.
+    header : str
+        What stands above the content, as comments; ``{summary}`` is filled in.
     """
 
     kind: str
     command: str
+    header: str
+
+    def write(self, path: Path, content: dict[str, Any], summary: str, *, overwrite: bool) -> None:
+        """Write the file, which appears under its name only when it is whole.
+
+        Raises
+        ------
+        OutputError
+            If the file exists and `overwrite` is False, or it cannot be written.
+        """
+        text = self.header.format(summary=summary) + tomli_w.dumps(content)
+        with replacing(path, overwrite=overwrite) as temporary:
+            temporary.write_text(text, encoding="utf-8", newline="\n")
 
     def read(self, path: Path) -> dict[str, Any]:
         """Read the file.

@@ -22,6 +22,7 @@ from calibration.camera._models import LensModels, lens_models
 from calibration.camera._steps import fitted_images, ordered_images
 from calibration.camera.boards import Board, BoardImage
 from calibration.camera.file import (
+    PARAMETERS,
     Provenance,
     lengths,
     read_camera_file,
@@ -39,19 +40,6 @@ __all__ = [
 ]
 
 Floats = NDArray[np.float64]
-
-PARAMETERS = (
-    "focal_length_m",
-    "pixel_pitch_v_m",
-    "principal_point_u",
-    "principal_point_v",
-    "k1",
-    "k2",
-    "p1",
-    "p2",
-    "k3",
-)
-"""Names of the parameters that may be estimated; metres and pixels."""
 
 HOLDS = ("pixel_pitch_v", "principal_point")
 """What may be held as given."""

@@ -1,35 +1,35 @@
 """The TOML file of a camera calibration: what it holds, and how it is read and written."""
 
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, get_args
 
 import numpy as np
-import tomli_w
 from numpy.typing import ArrayLike
 from pydantic import Field, model_validator
 
 from calibration._result_file import ResultFile
-from glint_aoa.records._files import replacing
 from glint_aoa.setup import Section
 from glint_aoa.setup.section import Number, PositiveCount, PositiveMetres
 
-_HEADER = """\
+_RESULT = ResultFile(
+    "camera calibration",
+    "camera",
+    """\
 # Camera calibration of glint-aoa. [camera] can be pasted into a setup, or the setup names this
 # file: [calibration] camera = "...". The horizontal pixel pitch is held as given.
 # [covariance] is that of the parameters it lists, in metres and pixels; [bootstrap] is the same
 # by resampling the images. Every std is 1 sigma.
 # {summary}
 
-"""
-
-_RESULT = ResultFile("camera calibration", "camera")
+""",
+)
 
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
 _NotNegative = Annotated[float, Field(allow_inf_nan=False, ge=0)]
 _Positive = Annotated[float, Field(allow_inf_nan=False, gt=0)]
 _Count = Annotated[int, Field(ge=0)]
 _Matrix = list[list[_Finite]]
-_Name = Literal[
+ParameterName = Literal[
     "focal_length_m",
     "pixel_pitch_v_m",
     "principal_point_u",
@@ -40,6 +40,8 @@ _Name = Literal[
     "p2",
     "k3",
 ]
+PARAMETERS: tuple[str, ...] = get_args(ParameterName)
+"""Names of the parameters that may be estimated; metres and pixels."""
 
 
 class Provenance(Section):
@@ -66,7 +68,7 @@ class _Camera(Section):
 
 
 class _Covariance(Section):
-    parameters: Annotated[list[_Name], Field(min_length=1)]
+    parameters: Annotated[list[ParameterName], Field(min_length=1)]
     matrix: _Matrix
 
 
@@ -150,9 +152,7 @@ def write_camera_file(
 ) -> None:
     """Write the file; see `calibration.camera.CameraCalibration.save`."""
     CameraFile.model_validate(content)
-    text = _HEADER.format(summary=summary) + tomli_w.dumps(content)
-    with replacing(path, overwrite=overwrite) as temporary:
-        temporary.write_text(text, encoding="utf-8", newline="\n")
+    _RESULT.write(path, content, summary, overwrite=overwrite)
 
 
 def read_camera_file(path: Path) -> CameraFile:

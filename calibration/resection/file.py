@@ -4,14 +4,18 @@ from pathlib import Path
 from typing import Annotated, Literal, Self
 
 import numpy as np
-import tomli_w
 from pydantic import Field, model_validator
 
 from calibration._result_file import ResultFile
-from glint_aoa.records._files import replacing
 from glint_aoa.setup import Section, quantity
 
-_HEADER = """\
+PARAMETERS = ("X_m", "Y_m", "Z_m", "omega_rad", "phi_rad", "kappa_rad")
+"""Names of the pose's parameters, as the file has them."""
+
+_RESULT = ResultFile(
+    "space resection",
+    "resect",
+    """\
 # Space resection of glint-aoa: the camera's pose in the tunnel frame.
 # omega, phi, kappa: R = Rz(kappa) Ry(phi) Rx(omega), zero for an optical axis along +Y.
 # The textbook's angles: M = R3(kappa) R2(phi) R1(omega), tunnel to camera axes x right, y up,
@@ -21,12 +25,8 @@ _HEADER = """\
 # with it. Every std is 1 sigma.
 # {summary}
 
-"""
-
-PARAMETERS = ("X_m", "Y_m", "Z_m", "omega_rad", "phi_rad", "kappa_rad")
-"""Names of the pose's parameters, as the file has them."""
-
-_RESULT = ResultFile("space resection", "resect")
+""",
+)
 
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
 _Positive = Annotated[float, Field(allow_inf_nan=False, gt=0)]
@@ -186,9 +186,7 @@ def write_pose_file(path: Path, content: PoseFile, summary: str, *, overwrite: b
         "position": [f"{value!r} m" for value in content.camera.position],
         "rotation": [f"{float(np.degrees(value))!r} deg" for value in content.camera.rotation],
     }
-    text = _HEADER.format(summary=summary) + tomli_w.dumps(plain)
-    with replacing(path, overwrite=overwrite) as temporary:
-        temporary.write_text(text, encoding="utf-8", newline="\n")
+    _RESULT.write(path, plain, summary, overwrite=overwrite)
 
 
 def read_pose_file(path: Path) -> PoseFile:

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-import tomli_w
 from pydantic import Field, model_validator
 
 from calibration._result_file import ResultFile
@@ -15,7 +14,6 @@ from calibration.sweep._hysteresis import Hysteresis
 from calibration.sweep.curve import SweepCurve
 from calibration.sweep.point import SweepPoint
 from calibration.sweep.setup import SweepSetup
-from glint_aoa.records._files import replacing
 from glint_aoa.setup import Section
 
 __all__ = [
@@ -28,7 +26,10 @@ __all__ = [
     "write_sweep_file",
 ]
 
-_HEADER = """\
+_RESULT = ResultFile(
+    "pitch sweep",
+    "sweep",
+    """\
 # No-flow pitch sweep of glint-aoa: onboard angle as a polynomial of the optical angle, one curve
 # for each tunnel temperature,
 #   onboard_deg = sum over k of coefficients_deg[k] * t^k,
@@ -36,9 +37,8 @@ _HEADER = """\
 # Every std is 1 sigma.
 # {summary}
 
-"""
-
-_RESULT = ResultFile("pitch sweep", "sweep")
+""",
+)
 
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
 _Positive = Annotated[float, Field(allow_inf_nan=False, gt=0)]
@@ -285,11 +285,8 @@ class _OneCurveFile(Section):
 
 def write_sweep_file(path: Path, content: SweepFile, summary: str, *, overwrite: bool) -> None:
     """Write the file; see `calibration.sweep.PitchSweep.save`."""
-    text = _HEADER.format(summary=summary) + tomli_w.dumps(
-        content.model_dump(exclude_none=True, exclude_defaults=False)
-    )
-    with replacing(path, overwrite=overwrite) as temporary:
-        temporary.write_text(text, encoding="utf-8", newline="\n")
+    plain = content.model_dump(exclude_none=True, exclude_defaults=False)
+    _RESULT.write(path, plain, summary, overwrite=overwrite)
 
 
 def read_sweep_file(path: Path) -> SweepFile:
