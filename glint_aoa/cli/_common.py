@@ -6,6 +6,7 @@ import os
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -18,9 +19,12 @@ __all__ = [
     "Out",
     "Overwrite",
     "Points",
+    "Polarity",
+    "Scan",
     "SetupFile",
     "Strict",
     "bar",
+    "check_calibration_file",
     "check_folder",
     "check_names",
     "check_new_files",
@@ -44,6 +48,37 @@ Out = Annotated[
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace results of the same name.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON on stdout.")]
 Strict = Annotated[bool, typer.Option("--strict", help="Exit with code 3 if anything is flagged.")]
+
+
+class Polarity(StrEnum):
+    """Whether circles are brighter or darker than what is around them."""
+
+    bright = "bright"
+    dark = "dark"
+
+
+class Scan(StrEnum):
+    """How a picture was scanned: all lines together, or fields of even and odd ones."""
+
+    progressive = "progressive"
+    interlaced = "interlaced"
+    even = "even"
+    odd = "odd"
+
+
+def check_calibration_file(out: Path, setup: Path | None) -> None:
+    """Refuse a name that a calibration cannot have, before anything is measured.
+
+    Raises
+    ------
+    OutputError
+        If it is no TOML file, is the setup itself, or its folder cannot be written to.
+    """
+    if out.suffix.lower() != ".toml":
+        raise OutputError(f"{out}: a calibration is a TOML file; end its name with .toml")
+    if setup is not None and out.resolve() == setup.resolve():
+        raise OutputError(f"{out} is the setup itself; give the calibration another name")
+    check_folder(out.parent)
 
 
 def check_names(paths: Sequence[Path], *, taken: Sequence[str] = ()) -> None:

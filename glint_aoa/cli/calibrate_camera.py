@@ -12,8 +12,9 @@ import typer
 from glint_aoa.cli._common import (
     Json,
     Overwrite,
+    Scan,
     bar,
-    check_folder,
+    check_calibration_file,
     check_new_files,
     number,
     print_json,
@@ -30,13 +31,6 @@ __all__ = ["camera"]
 _SUSPICIOUS = 2.0  # bootstrap over analytic uncertainty
 _ENOUGH_SOURCES = 8  # files, for the bootstrap to mean anything
 _ENOUGH_REACH = 0.7  # of the sensor
-
-
-class _Scan(StrEnum):
-    progressive = "progressive"
-    interlaced = "interlaced"
-    even = "even"
-    odd = "odd"
 
 
 class _Distortion(StrEnum):
@@ -98,9 +92,9 @@ def camera(
         typer.Option("--out", "-o", metavar="FILE", help="Calibration file to write (TOML)."),
     ] = Path("camera.toml"),
     scan: Annotated[
-        _Scan,
+        Scan,
         typer.Option("--scan", help="Pictures are frames, frames of two fields, or single fields."),
-    ] = _Scan.progressive,
+    ] = Scan.progressive,
     every: Annotated[
         int | None,
         typer.Option(
@@ -228,16 +222,12 @@ def _length(text: str, option: str) -> float:
 
 def _check_out(out: Path, picture: Path, images: list[Path], setup: Path | None) -> None:
     """Refuse a name that the calibration cannot have, before the pictures are searched."""
-    if out.suffix.lower() != ".toml":
-        raise OutputError(f"{out}: a calibration is a TOML file; end its name with .toml")
-    if setup is not None and out.resolve() == setup.resolve():
-        raise OutputError(f"{out} is the setup itself; give the calibration another name")
+    check_calibration_file(out, setup)
     if picture.resolve() in {path.resolve() for path in images}:
         raise OutputError(
             f"{picture}, the picture of the residuals, would replace a picture of the board; give "
             "another --out"
         )
-    check_folder(out.parent)
 
 
 _ROWS = {

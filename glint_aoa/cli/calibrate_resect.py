@@ -3,7 +3,6 @@
 import math
 import os
 from collections.abc import Sequence
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,8 +11,10 @@ import typer
 from glint_aoa.cli._common import (
     Json,
     Overwrite,
+    Polarity,
+    Scan,
     SetupFile,
-    check_folder,
+    check_calibration_file,
     check_new_files,
     print_json,
     table,
@@ -33,18 +34,6 @@ _ROUGH = 1.2  # factor of the variances where chi-square is no parabola
 _VAGUE = math.radians(0.5)  # of a plane: from here on the intervals' coverage sinks
 _ADVICE = "add targets off their plane, or tilt it"
 _NAMES = ("X", "Y", "Z", "omega", "phi", "kappa")
-
-
-class _Polarity(StrEnum):
-    bright = "bright"
-    dark = "dark"
-
-
-class _Scan(StrEnum):
-    progressive = "progressive"
-    interlaced = "interlaced"
-    even = "even"
-    odd = "odd"
 
 
 def resect(
@@ -90,11 +79,11 @@ def resect(
         ),
     ] = None,
     polarity: Annotated[
-        _Polarity, typer.Option(help="Circles brighter or darker than what is around them.")
-    ] = _Polarity.bright,
+        Polarity, typer.Option(help="Circles brighter or darker than what is around them.")
+    ] = Polarity.bright,
     scan: Annotated[
-        _Scan, typer.Option(help="How a picture of --image was scanned.")
-    ] = _Scan.progressive,
+        Scan, typer.Option(help="How a picture of --image was scanned.")
+    ] = Scan.progressive,
     hold: Annotated[
         str | None,
         typer.Option(
@@ -183,16 +172,12 @@ def resect(
 
 def _check_out(out: Path, picture: Path, setup: Path, inputs: Sequence[Path]) -> None:
     """Refuse a name that the calibration cannot have, before the targets are measured."""
-    if out.suffix.lower() != ".toml":
-        raise OutputError(f"{out}: a calibration is a TOML file; end its name with .toml")
-    if out.resolve() == setup.resolve():
-        raise OutputError(f"{out} is the setup itself; give the calibration another name")
+    check_calibration_file(out, setup)
     if picture.resolve() in [each.resolve() for each in inputs]:
         raise OutputError(
             f"{picture} is an input, and the picture of the residuals would replace it; give "
             "another --out"
         )
-    check_folder(out.parent)
 
 
 def _one_source(measured: Path | None, image: Path | None) -> Path:
@@ -212,8 +197,8 @@ def _seen(
     field: "TargetField",
     settings: "Setup",
     *,
-    polarity: _Polarity,
-    scan: _Scan,
+    polarity: Polarity,
+    scan: Scan,
 ) -> tuple["ImageTargets", list[str]]:
     """Return the image measurements, and what is to be said of them."""
     from calibration.photographs import photographs

@@ -14,7 +14,7 @@ from glint_aoa.cli._common import (
     Points,
     SetupFile,
     bar,
-    check_folder,
+    check_calibration_file,
     check_names,
     check_new_files,
     number,
@@ -76,7 +76,7 @@ def sweep(
     settings = load_setup(setup)
     check_names(points)
     picture = out.with_suffix(".png")
-    _check_out(out, setup)
+    check_calibration_file(out, setup)
     check_new_files((out, picture), overwrite=overwrite)
     with bar(len(points)) as advance:
         fitted = calibrate_sweep(
@@ -188,14 +188,3 @@ def _at(curve: "SweepCurve") -> str:
 
 def _width(loop: "Hysteresis") -> str:
     return f"{loop.width_deg:+.4f} deg, 95 % within {loop.u95_deg:.4f}"
-
-
-def _check_out(out: Path, setup: Path) -> None:
-    """Refuse a name that the calibration cannot have, before the points are measured."""
-    from glint_aoa.errors import OutputError
-
-    if out.suffix.lower() != ".toml":
-        raise OutputError(f"{out}: a calibration is a TOML file; end its name with .toml")
-    if out.resolve() == setup.resolve():
-        raise OutputError(f"{out} is the setup itself; give the calibration another name")
-    check_folder(out.parent)

@@ -1,7 +1,6 @@
 """``glint-aoa twist``: how far each station of a wing turned between no flow and flow."""
 
 from collections.abc import Callable
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,6 +10,8 @@ from glint_aoa.cli._common import (
     Json,
     Out,
     Overwrite,
+    Polarity,
+    Scan,
     SetupFile,
     Strict,
     bar,
@@ -35,18 +36,6 @@ __all__ = ["twist"]
 
 _FLAGGED = 3
 _FORMATS = {"scale": ".6f", "y_mm": ".6g"}
-
-
-class _Polarity(StrEnum):
-    bright = "bright"
-    dark = "dark"
-
-
-class _Scan(StrEnum):
-    progressive = "progressive"
-    interlaced = "interlaced"
-    even = "even"
-    odd = "odd"
 
 
 def twist(
@@ -82,11 +71,11 @@ def twist(
         ),
     ] = None,
     polarity: Annotated[
-        _Polarity, typer.Option(help="Targets brighter or darker than the wing.")
-    ] = _Polarity.bright,
+        Polarity, typer.Option(help="Targets brighter or darker than the wing.")
+    ] = Polarity.bright,
     scan: Annotated[
-        _Scan, typer.Option(help="How images were scanned; a recording says it itself.")
-    ] = _Scan.progressive,
+        Scan, typer.Option(help="How images were scanned; a recording says it itself.")
+    ] = Scan.progressive,
     min_diameter: Annotated[
         float, typer.Option(metavar="PIXELS", help="Least diameter of a target's image.")
     ] = 4.0,
@@ -169,8 +158,8 @@ def _sighted(
     wing: "WingTargets",
     settings: "Setup",
     start: "NDArray[np.float64] | None",
-    polarity: _Polarity,
-    scan: _Scan,
+    polarity: Polarity,
+    scan: Scan,
     diameters: tuple[float, float],
     advance: Callable[..., None],
 ) -> "Sightings":
