@@ -6,7 +6,6 @@ held against the uncertainty that is carried to measured angles. Run with
 ``python -m benchmarks.budget_coverage [STUDY ...] [--draws N] [--seed N]``.
 """
 
-import argparse
 import sys
 import tempfile
 import time
@@ -20,6 +19,7 @@ import numpy as np
 import tomli_w
 from numpy.typing import NDArray
 
+from benchmarks._draws import BAND, WITHIN, chosen
 from calibration.budget.uncertainty import (
     geometry_covariance,
     geometry_uncertainty,
@@ -34,8 +34,6 @@ from glint_aoa.setup import Setup, load_setup
 
 Floats = NDArray[np.float64]
 
-BAND = (0.93, 0.97)
-WITHIN = 1.959964  # standard deviations that hold 95 % of a normal distribution
 COLUMNS = np.arange(10.0, 752.0, 20.0)
 
 _SETUP = """
@@ -363,11 +361,7 @@ def _root(covariance: Floats) -> Floats:
 
 def main() -> int:
     """Print one line a study; 1 if an interval holds the truth too seldom or too often."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("studies", nargs="*", default=list(STUDIES), metavar="STUDY")
-    parser.add_argument("--draws", type=int, default=2000)
-    parser.add_argument("--seed", type=int, default=1)
-    options = parser.parse_args()
+    options = chosen(__doc__, STUDIES)
     print(f"{'study':<16}{'draws':>6}{'in 95 %':>9}{'rms error':>11}{'rms std':>10}{'s':>6}")
     verdicts = []
     for study in options.studies:

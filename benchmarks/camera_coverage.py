@@ -5,7 +5,6 @@ noise is added to them. The whole of `calibrate_camera` runs on each. Run with
 ``python -m benchmarks.camera_coverage [STUDY ...] [--draws N] [--seed N]``.
 """
 
-import argparse
 import sys
 import time
 from collections.abc import Sequence
@@ -15,13 +14,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks._draws import BAND, WITHIN, chosen
 from calibration.camera.boards import Board, BoardImage
 from calibration.camera.calibrate import PARAMETERS, CameraCalibration, calibrate_camera
 
 Floats = NDArray[np.float64]
 
-BAND = (0.93, 0.97)
-WITHIN = 1.959964  # standard deviations that hold 95 % of a normal distribution
 BOARD = Board("chessboard", 7, 5, 0.03)
 
 _PICTURES = 10
@@ -232,14 +230,7 @@ def _seen(study: Study, camera: Floats, real: Floats, rng: np.random.Generator) 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print the table; 1 if a share is outside the band."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.camera_coverage")
-    parser.add_argument("studies", nargs="*", metavar="STUDY", default=list(STUDIES))
-    parser.add_argument("--draws", type=int, default=2000)
-    parser.add_argument("--seed", type=int, default=1)
-    given = parser.parse_args(arguments)
-    unknown = [name for name in given.studies if name not in STUDIES]
-    if unknown:
-        parser.error(f"no study {unknown[0]}; there are {', '.join(STUDIES)}")
+    given = chosen(__doc__, STUDIES, arguments)
     print(f"Camera calibration: share of {given.draws} draws whose 95 % interval holds the truth")
     header = ["study", "parameter", "draws", "inside", "bootstrap", "rms error", "median std"]
     widths = [24, 19, 6, 8, 10, 11, 11]

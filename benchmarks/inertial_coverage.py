@@ -6,7 +6,6 @@ row from the middle of the corrected record is held against the model's known pi
 ``python -m benchmarks.inertial_coverage [METHOD ...] [--draws N] [--seed N]``.
 """
 
-import argparse
 import sys
 import time
 from collections.abc import Sequence
@@ -15,6 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks._draws import BAND, WITHIN, chosen
 from benchmarks.rigid_tones import GRAVITY, Imperfections, ModeMotion, record, time_of, tones
 from glint_aoa.errors import InputError
 from glint_aoa.inertial import TABLE_1, Mode, correct
@@ -22,8 +22,6 @@ from glint_aoa.setup import Inertial
 
 Floats = NDArray[np.float64]
 
-WITHIN = 1.959964  # standard deviations that hold 95 % of a normal distribution
-BAND = (0.93, 0.97)
 EXCITATIONS = ("sine", "modulated", "random")
 
 
@@ -216,17 +214,13 @@ def _line(result: Draws) -> str:
 
 def main() -> int:
     """Print one line a method; 1 if an interval covers too little."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("methods", nargs="*", default=list(STUDIES), metavar="METHOD")
-    parser.add_argument("--draws", type=int, default=2000)
-    parser.add_argument("--seed", type=int, default=1)
-    options = parser.parse_args()
+    options = chosen(__doc__, STUDIES)
     print(
         f"{'method':<12}{'draws':>6}{'known %':>9}{'in 95 %':>10}{'raw rms':>10}{'rms':>10}"
         f"{'std':>10}{'err/std':>9}{'s':>7}"
     )
     verdicts = []
-    for method in options.methods:
+    for method in options.studies:
         result = run(STUDIES[method], options.draws, seed=options.seed)
         verdicts.append(result.coverage >= BAND[0] or not result.known.any())
         print(_line(result), flush=True)

@@ -5,7 +5,6 @@ and of the targets' coordinates. OpenCV projects. Run with
 ``python -m benchmarks.resection_coverage [STUDY ...] [--draws N] [--seed N]``.
 """
 
-import argparse
 import sys
 import time
 from collections.abc import Sequence
@@ -16,6 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks._draws import BAND, chosen
 from calibration.resection.resect import SpaceResection, resect
 from calibration.resection.target_field import ImageTargets, TargetField
 from glint_aoa.geometry import rotation_matrix
@@ -23,7 +23,6 @@ from glint_aoa.setup import Camera
 
 Floats = NDArray[np.float64]
 
-BAND = (0.93, 0.97)
 NAMES = ("X", "Y", "Z", "omega", "phi", "kappa")
 ANGLES = ("omega", "phi", "kappa")
 
@@ -198,11 +197,7 @@ def _resected(
 
 def main() -> int:
     """Print one line for each parameter; 1 if an interval holds too little."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("studies", nargs="*", default=list(STUDIES), metavar="STUDY")
-    parser.add_argument("--draws", type=int, default=2000)
-    parser.add_argument("--seed", type=int, default=1)
-    options = parser.parse_args()
+    options = chosen(__doc__, STUDIES)
     print(
         f"{'study':<19}{'parameter':<10}{'draws':>6}{'in 95 %':>9}{'rms error':>11}{'std':>9}  unit"
     )

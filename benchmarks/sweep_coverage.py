@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks._draws import BAND
 from calibration.sweep.fit import PitchSweep, SweepPoint, fit_sweep_points
 from glint_aoa.geometry import PixelToPlane
 from glint_aoa.process import measure_point
@@ -43,7 +44,6 @@ OFFSET_DEG, SCALE = 0.06, 0.005
 """What the temperature adds to the optical angle over `SPAN_K`."""
 
 BENT = 0.1 / 1.1  # quadratic part over the change: 10 % of the linear one
-BAND = (0.93, 0.97)
 _WINDOW = (140, 92)  # first line and lines: a camera that is turned sees the glint lower
 _FILM = 7
 

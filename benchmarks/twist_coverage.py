@@ -6,7 +6,6 @@ are drawn with the noise that their covariance states, or more. Run with
 ``python -m benchmarks.twist_coverage [CASE ...] [--draws N] [--seed N]``.
 """
 
-import argparse
 import sys
 import time
 from collections.abc import Sequence
@@ -17,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks._draws import BAND, chosen
 from calibration.twist.measure import measure_twist
 from calibration.twist.sighting import Sightings
 from calibration.twist.wing_targets import WingTargets
@@ -31,7 +31,6 @@ STATED_STD = (0.008, 0.004)
 """Stated noise of a centre, 1 sigma: columns, field lines."""
 
 CHORD_M, Y_M = 0.24, 0.15
-BAND = (0.93, 0.97)
 _STILL_FIELDS = 7
 _RATE = 9.8 / 60.0  # cycles of the vibration in a field
 
@@ -188,19 +187,11 @@ def _sighted(
 
 def main() -> int:
     """Print the table; 1 if a coverage lies outside 93 to 97 %."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    names = [case.name for case in CASES]
-    parser.add_argument("cases", nargs="*", default=names, metavar="CASE")
-    parser.add_argument("--draws", type=int, default=2000)
-    parser.add_argument("--seed", type=int, default=1)
-    given = parser.parse_args()
-    unknown = [name for name in given.cases if name not in names]
-    if unknown:
-        parser.error(f"no case {unknown[0]!r}; there are {'; '.join(names)}")
+    given = chosen(__doc__, [case.name for case in CASES])
     print(f"{'wing twist':46s} draws  95 % holds  rms error  stated [deg]")
     holds = True
     for case in CASES:
-        if case.name not in given.cases:
+        if case.name not in given.studies:
             continue
         started = time.process_time()
         (row,) = coverage(given.draws, given.seed, cases=[case])

@@ -36,13 +36,13 @@ def effective_freedom(
         return np.where(spread > 0, total**2 / spread, np.inf)
 
 
-def coverage_factor(degrees_of_freedom: float, level: float = 0.95) -> float:
+def coverage_factor(degrees_of_freedom: float = np.inf, level: float = 0.95) -> float:
     """Return Student's factor of a two-sided interval.
 
     Parameters
     ----------
-    degrees_of_freedom : float
-        At least 1; infinite for a normal distribution.
+    degrees_of_freedom : float, optional
+        At least 1; infinite, as for a normal distribution, if not given.
     level : float, optional
         Share of all cases that the interval is to hold.
     """

@@ -23,7 +23,8 @@ from budget_setups import (
 )
 from scipy import stats
 
-from benchmarks.budget_coverage import BAND, COLUMNS, STUDIES, TrueCamera, camera_file, coverage
+from benchmarks._draws import BAND
+from benchmarks.budget_coverage import COLUMNS, STUDIES, TrueCamera, camera_file, coverage
 from calibration.budget._chain import Chain
 from calibration.budget.uncertainty import (
     geometry_covariance,

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from benchmarks.camera_coverage import BAND, STUDIES, coverage, main
+from benchmarks._draws import BAND
+from benchmarks.camera_coverage import STUDIES, coverage, main
 
 DRAWS = 12
 
@@ -34,4 +35,4 @@ def test_a_study_is_repeatable(rows):
 def test_the_table_names_the_studies(capsys):
     with pytest.raises(SystemExit):
         main(["unknown"])
-    assert "no study unknown; there are fields, square, wide" in capsys.readouterr().err
+    assert "no study unknown; there are fields; square, wide" in capsys.readouterr().err

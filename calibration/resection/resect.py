@@ -11,7 +11,6 @@ from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
 from calibration.resection._attitude import textbook_angles
 from calibration.resection._checks import (
@@ -48,6 +47,7 @@ from calibration.resection.file import (
     write_pose_file,
 )
 from calibration.resection.target_field import ImageTargets, TargetField
+from glint_aoa.coverage import coverage_factor
 from glint_aoa.geometry import rotation_matrix
 from glint_aoa.setup import Camera
 
@@ -145,7 +145,7 @@ class SpaceResection:
         Student's t where the size of the noise comes from the residuals.
         """
         freedom = np.inf if self.noise_known and self.excess == 1 else self.degrees_of_freedom
-        return np.asarray(stats.t.ppf(0.975, freedom) * self.std, np.float64)
+        return coverage_factor(freedom) * self.std
 
     @property
     def rotation(self) -> Floats:

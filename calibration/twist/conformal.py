@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from glint_aoa.coverage import coverage_factor
 from glint_aoa.errors import CalibrationError
 
 __all__ = ["Conformal", "fit_conformal"]
@@ -16,7 +17,6 @@ Mask = NDArray[np.bool_]
 _STEPS = 20
 _CONVERGED = 1e-12
 _SIGNIFICANCE = 0.01
-_COVERAGE = 1.959964  # standard deviations of a normal distribution's 95 %
 _LEAST_FOR_OUTLIER = 4  # with three points none can be said to be the wrong one
 _SAME_PLACE = 1e-6  # of a metre: nothing that is glued to a wing is nearer
 
@@ -70,9 +70,8 @@ class Conformal:
     @property
     def rotation_u95(self) -> float:
         """Half the 95 % interval of the rotation [rad]; Student's t where noise was scaled."""
-        if self.excess > 1:
-            return float(stats.t.ppf(0.975, self.degrees_of_freedom)) * self.rotation_std
-        return _COVERAGE * self.rotation_std
+        freedom = self.degrees_of_freedom if self.excess > 1 else np.inf
+        return coverage_factor(freedom) * self.rotation_std
 
     @property
     def rms(self) -> float:

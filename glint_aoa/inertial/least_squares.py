@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-import scipy.stats
 from numpy.typing import ArrayLike, NDArray
 
+from glint_aoa.coverage import coverage_factor
 from glint_aoa.errors import InputError
 
 __all__ = ["INDEPENDENT_HZ", "LinearFit", "fit_line"]
@@ -25,7 +25,6 @@ _SLOW_HZ = 0.1
 """The errors are taken as white below this: a quarter of the package's cutoff [Hz]."""
 
 _LEAST_COSINES, _MOST_COSINES = 3, 24
-_NORMAL_95 = 1.959964
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,4 +161,4 @@ def _long_run(scores: _Floats, rate_hz: float) -> _Floats:
 @cache
 def _wider(freedom: int) -> float:
     """Half-width of 95 % of Student's t over that of the normal distribution."""
-    return float(scipy.stats.t.ppf(0.975, freedom)) / _NORMAL_95
+    return coverage_factor(freedom) / coverage_factor()

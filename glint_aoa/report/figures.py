@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from glint_aoa.benchmark import PointError, Technique
+from glint_aoa.coverage import coverage_factor
 from glint_aoa.errors import OutputError
 from glint_aoa.optical.measure import fit_fields
 from glint_aoa.process import PointResult
@@ -186,7 +187,8 @@ def measured_field(stack: FieldStack, result: PointResult, number: int) -> Figur
     centres, fit = fit_fields(field, angles.field[[number]], how)
     height = fit.intercept[0] + fit.slope[0] * along
     u, v = plane.to_pixels(along, height)
-    angle, u95 = result.record["angle_deg"][number], 1.96 * result.record["angle_std_deg"][number]
+    angle = result.record["angle_deg"][number]
+    u95 = coverage_factor() * result.record["angle_std_deg"][number]
     pitch = plane.pixel_pitch
     return field_with_line(
         field[0],

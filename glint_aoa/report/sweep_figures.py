@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from calibration.drift.check import Drift
 from calibration.sweep.fit import PitchSweep, SweepCurve, SweepPoint
+from glint_aoa.coverage import coverage_factor
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -18,7 +19,7 @@ __all__ = ["drift_figure", "sweep_figure"]
 
 _BLUE, _ORANGE, _GREY = "#0072B2", "#D55E00", "#7F7F7F"  # Okabe and Ito
 _WAYS = {"^": "on the way up", "v": "on the way down", "o": "points"}
-_U95 = 1.96
+_U95 = coverage_factor()
 _BEYOND = 1.6  # times the largest residual used, from which a point left out is drawn at the edge
 
 
