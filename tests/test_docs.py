@@ -14,7 +14,7 @@ from glint_aoa.records.angles import FIELD_COLUMNS, LOG_COLUMNS
 from glint_aoa.records.fields import FieldInfo
 from glint_aoa.records.points import RecordedPoint, write_point
 from glint_aoa.setup import Setup, load_setup
-from glint_aoa.setup.section import _keys
+from glint_aoa.setup.section import keys_of
 from render_sim.campaign_file import load_campaign
 from render_sim.scene import (
     Air,
@@ -85,7 +85,7 @@ def test_the_scene_of_the_documents_names_every_key_and_is_the_papers(tmp_path):
     assert replace(scene, **wrong) == paper_scene()
     assert all(getattr(scene, name) != usual for name, usual in wrong.items())
     for part in (Scene, Air, Body, Lamp, Optics, Recorder, Sensor, Shake, Surface):
-        for key in _keys(part):
+        for key in keys_of(part):
             assert re.search(rf"\b{key}\b", text), f"{part.__name__}: {key}"
 
 

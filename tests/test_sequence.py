@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from summed import summed
 
 from glint_aoa.flags import Flag
-from glint_aoa.optical.sequence import FieldLines, check_sequence
+from glint_aoa.optical.sequence import check_sequence
 from glint_aoa.records.recording import Recording
 
 COLUMNS = np.arange(10, 752, 20)
@@ -40,7 +40,7 @@ def checked(centre_row, how=None, *, height=100.0, **options):
     height = np.broadcast_to(height, len(centre_row))[:, None]
     # No centre is outlying: the columns' noise is taken for ten lines.
     lines = summed(centre_row, COLUMNS, height=height, std=np.full(COLUMNS.size, 10.0))
-    return check_sequence(FieldLines.of_summary(lines), how or recording(), **options)
+    return check_sequence(lines, how or recording(), **options)
 
 
 def parity(n_fields=60, first=0):

@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 from summed import summed
 
 from glint_aoa.optical.line import fit_lines_robustly
-from glint_aoa.optical.sequence import FieldLines
 from glint_aoa.optical.summary import FieldSummary
 
 COLUMNS = np.arange(10, 752, 20)
@@ -78,13 +77,13 @@ def test_rows_in_the_window_are_those_that_made_them():
     made = centres(row, reach / (COLUMNS[-1] - COLUMNS.mean()))
     made[3, 5] = 500.0
     made[4] = np.nan
-    lines = FieldLines.of_summary(summed(made, COLUMNS))
+    lines = summed(made, COLUMNS)
     there = np.arange(30) != 4
     assert np.isnan(lines.row[4])
-    assert np.isnan(lines.height[4])
-    assert (lines.height[there] == 80.0).all()
+    assert np.isnan(lines.mean_height[4])
+    assert (lines.mean_height[there] == 80.0).all()
     expected = NOISE / np.sqrt(COLUMNS.size)
-    np.testing.assert_allclose(lines.std[there], expected, rtol=0.5)
+    np.testing.assert_allclose(lines.row_std[there], expected, rtol=0.5)
     assert np.std((lines.row - row)[there]) == pytest.approx(expected, rel=0.3)
     assert np.abs(lines.reach - reach)[there].max() < 5 * expected * np.sqrt(3)
 

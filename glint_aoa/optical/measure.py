@@ -15,7 +15,7 @@ from glint_aoa.optical.line import LineFit, fit_lines_robustly
 from glint_aoa.optical.measurement import Measurement
 from glint_aoa.optical.prepare import prepare
 from glint_aoa.optical.reference import has_moved, mark_shift, moved_fields
-from glint_aoa.optical.sequence import FieldLines, check_sequence
+from glint_aoa.optical.sequence import check_sequence
 from glint_aoa.optical.summary import FieldSummary
 from glint_aoa.records.fields import FieldStack
 from glint_aoa.records.recording import Recording
@@ -154,9 +154,7 @@ def measure_prepared(
     moved = np.zeros(stack.n_fields, np.bool_)
     if measurement.mark is not None:
         moved = moved_fields(lines.mark_shift, measurement.mark)
-    seen = check_sequence(
-        FieldLines.of_summary(lines), recording, times_s=stack.times_s, displaced=moved
-    )
+    seen = check_sequence(lines, recording, times_s=stack.times_s, displaced=moved)
     seen |= np.where(moved, int(Flag.CAMERA_MOVED), 0)
     return replace(angles, flags=angles.flags | seen)
 

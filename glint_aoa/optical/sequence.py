@@ -1,8 +1,5 @@
 """Checks over the fields of a stack in time: copies, gaps, parity, fading and jumps."""
 
-from dataclasses import dataclass
-from typing import Self
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,7 +9,7 @@ from glint_aoa.optical._prediction import outlying
 from glint_aoa.optical.summary import FieldSummary
 from glint_aoa.records.recording import Recording
 
-__all__ = ["FieldLines", "check_sequence"]
+__all__ = ["check_sequence"]
 
 _Array = NDArray[np.float64]
 
@@ -23,45 +20,8 @@ _GAP = 1.5  # field periods between two fields, from which one is missing
 _LEAST_FIELDS = 8  # below, nothing is said of motion
 
 
-@dataclass(frozen=True)
-class FieldLines:
-    """The line of each field in rows of the recorded window, small enough to keep for a stack.
-
-    Attributes
-    ----------
-    row : ndarray, shape (field,)
-        Row of the line at the middle of the measured columns [lines]; NaN where there is none.
-    reach : ndarray, shape (field,)
-        What the line climbs from there to the last measured column [lines].
-    std : ndarray, shape (field,)
-        Noise of `row`, 1 sigma [lines].
-    height : ndarray, shape (field,)
-        Mean height of the used columns over their background [grey levels].
-    fingerprint : ndarray of uint64, shape (field,)
-        The same for fields whose centres are the same to the bit, and for no others.
-    """
-
-    row: _Array
-    reach: _Array
-    std: _Array
-    height: _Array
-    fingerprint: NDArray[np.uint64]
-
-    @classmethod
-    def of_summary(cls, lines: FieldSummary) -> Self:
-        """Take what is known of each field from what its columns come to."""
-        height = np.where(np.isfinite(lines.row), lines.height, np.nan)
-        return cls(
-            row=lines.row,
-            reach=lines.reach,
-            std=np.sqrt(lines.row_var),
-            height=height / np.maximum(lines.used, 1),
-            fingerprint=lines.fingerprint,
-        )
-
-
 def check_sequence(
-    lines: FieldLines,
+    lines: FieldSummary,
     recording: Recording,
     *,
     times_s: _Array | None = None,
@@ -71,8 +31,8 @@ def check_sequence(
 
     Parameters
     ----------
-    lines : FieldLines
-        The line of each field, in order.
+    lines : FieldSummary
+        What each field comes to, in order.
     recording : Recording
         Rate, and the parity that the fields are said to have.
     times_s : ndarray, shape (field,), optional
@@ -112,11 +72,11 @@ def check_sequence(
     gaps = _gaps(times_s, 1 / recording.rate_hz, number.size)
     copies = _copies(lines)
     flags = np.where(copies, int(Flag.REPEATED), 0)
-    flags |= np.where(_faded(lines.height), int(Flag.FADING), 0)
+    flags |= np.where(_faded(lines.mean_height), int(Flag.FADING), 0)
     if np.isfinite(lines.row).sum() < _LEAST_FIELDS:
         return flags
     shown = np.where(copies, np.nan, lines.row)  # a copy shows where the line was before
-    noise = float(np.nanmedian(lines.std))
+    noise = float(np.nanmedian(lines.row_std))
     parity = find_parity(
         shown, lines.reach, said, noise=noise, gaps=gaps, interlaced=recording.interlaced
     )
@@ -129,15 +89,15 @@ def check_sequence(
 
 
 def _moved(
-    row: _Array, lines: FieldLines, parity: Parity, gaps: NDArray[np.bool_]
+    row: _Array, lines: FieldSummary, parity: Parity, gaps: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
     breaks = gaps | parity.slipped
-    moved = outlying(row + parity.offset, lines.std, breaks)
-    moved |= outlying(np.where(np.isfinite(row), lines.reach, np.nan), lines.std, breaks)
+    moved = outlying(row + parity.offset, lines.row_std, breaks)
+    moved |= outlying(np.where(np.isfinite(row), lines.reach, np.nan), lines.row_std, breaks)
     return moved
 
 
-def _copies(lines: FieldLines) -> NDArray[np.bool_]:
+def _copies(lines: FieldSummary) -> NDArray[np.bool_]:
     """Whether a field is the one before it, or two before it, over again."""
     copies = np.zeros(lines.row.size, np.bool_)
     there = np.isfinite(lines.row)

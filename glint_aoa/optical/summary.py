@@ -30,8 +30,9 @@ class FieldSummary:
     height, usual_height
         Sums of the used columns' heights, and what they usually come to [grey levels].
     row, reach, row_var
-        The line in the window as in `glint_aoa.optical.sequence.FieldLines`, with the variance of
-        its row [lines, lines^2]; NaN where fewer than three columns were used.
+        Row of the line in the recorded window at the middle of the measured columns, what the line
+        climbs from there to the last of them [lines], and the variance of `row` [lines^2]; NaN
+        where fewer than three columns were used.
     used, dim, cut, clipped
         Numbers of columns that have weight in the line; of those below the least height; that run
         out of the window; and of used ones that are clipped.
@@ -59,6 +60,17 @@ class FieldSummary:
     clipped: _Counts
     fingerprint: NDArray[np.uint64]
     mark_shift: _Array
+
+    @property
+    def row_std(self) -> _Array:
+        """Noise of `row`, 1 sigma [lines]."""
+        return np.sqrt(self.row_var)
+
+    @property
+    def mean_height(self) -> _Array:
+        """Mean height of the used columns [grey levels]; NaN where there is no line."""
+        mean: _Array = self.height / np.maximum(self.used, 1)
+        return np.where(np.isfinite(self.row), mean, np.nan)
 
     @classmethod
     def of_figures(cls, figures: _Array, counts: _Counts, fingerprint: NDArray[np.uint64]) -> Self:

@@ -27,6 +27,7 @@ __all__ = [
     "Unit",
     "finite",
     "first_problem",
+    "keys_of",
     "load_section",
     "nearest",
     "positive",
@@ -185,12 +186,12 @@ def _dotted(loc: tuple[int | str, ...]) -> str:
 
 def _section_at(parents: list[int | str], section: type) -> type:
     for name in (part for part in parents if isinstance(part, str)):
-        inner = _sections_in(_keys(section)[name])
+        inner = _sections_in(keys_of(section)[name])
         section = inner[0] if inner else section
     return section
 
 
-def _keys(section: Any) -> dict[str, Any]:
+def keys_of(section: Any) -> dict[str, Any]:
     """Keys of a section in a file, and what each holds."""
     if issubclass(section, Section):
         return {name: each.annotation for name, each in section.model_fields.items()}
@@ -214,6 +215,6 @@ def _sections_in(annotation: Any) -> list[type]:
 
 def nearest(key: str, section: type) -> str:
     """Say which known key an unknown one may have been meant for."""
-    known = [name for name in _keys(section) if name != "folder"]
+    known = [name for name in keys_of(section) if name != "folder"]
     close = difflib.get_close_matches(key, known, n=1)
     return f"did you mean {close[0]}?" if close else f"known keys here: {', '.join(known)}"
