@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,17 +11,18 @@ import numpy as np
 from calibration.drift.check import Drift, check_drift
 from calibration.sweep.fit import PitchSweep, Provenance, fit_sweep_points
 from calibration.sweep.point import in_order_of_time
-from glint_aoa.at_rest import measure_at_rest
+from glint_aoa.at_rest import PointAtRest, measure_at_rest
 from glint_aoa.benchmark import BenchmarkPoint, check_runs, moment_peak_to_peak_in_lb
 from glint_aoa.errors import InputError, RecordingError
 from glint_aoa.inertial.correct import correct
 from glint_aoa.inertial.static import static_angle
 from glint_aoa.process import process_point
 from glint_aoa.records.acquisition import AcquisitionRecord
-from glint_aoa.records.angles import check_new_results
+from glint_aoa.records.angles import check_new_results, log_result
 from glint_aoa.records.conditioning import prepared
 from glint_aoa.records.formats import open_acquisition, open_fields
 from glint_aoa.setup import Setup
+from glint_aoa.workers import Workers
 
 __all__ = ["calibrate_sweep", "check_sweep", "compare_points"]
 
@@ -33,6 +35,7 @@ def calibrate_sweep(
     *,
     degree: int | None = None,
     onboard_accuracy_deg: float = 0.0,
+    jobs: int = 1,
     progress: Callable[[Path], None] | None = None,
 ) -> PitchSweep:
     """Calibrate the optical angle against the onboard sensor over the points of a no-flow sweep.
@@ -49,6 +52,8 @@ def calibrate_sweep(
         Degree of the polynomials; chosen by information criterion if not given.
     onboard_accuracy_deg : float, optional
         Error that all onboard angles share, 1 sigma [deg].
+    jobs : int, optional
+        How many processes share the points; the results are the same to the bit.
     progress : callable, optional
         Called with each path once its point is measured.
 
@@ -64,11 +69,7 @@ def calibrate_sweep(
     InputError
         If a recording or the setup cannot be used.
     """
-    measured = []
-    for path in map(Path, paths):
-        measured.append(measure_at_rest(path, setup))
-        if progress is not None:
-            progress(path)
+    measured = _measured(paths, setup, jobs, progress)
     points = [each.point for each in measured]
     return fit_sweep_points(
         points,
@@ -116,12 +117,24 @@ def check_sweep(
         If a recording or the setup cannot be used.
     """
     sweep.check_setup(setup)
-    points = []
-    for path in map(Path, paths):
-        points.append(measure_at_rest(path, setup).point)
-        if progress is not None:
-            progress(path)
+    points = [each.point for each in _measured(paths, setup, 1, progress)]
     return check_drift(sweep, points, setup)
+
+
+def _measured(
+    paths: Sequence[str | Path],
+    setup: Setup,
+    jobs: int,
+    progress: Callable[[Path], None] | None,
+) -> list[PointAtRest]:
+    measured = []
+    with Workers(jobs) as workers:
+        each = workers.map(partial(measure_at_rest, setup=setup), map(Path, paths))
+        for path, point in zip(map(Path, paths), each, strict=True):
+            measured.append(point)
+            if progress is not None:
+                progress(path)
+    return measured
 
 
 def compare_points(
@@ -129,6 +142,7 @@ def compare_points(
     setup: Setup,
     out: str | Path,
     *,
+    jobs: int = 1,
     overwrite: bool = False,
     progress: Callable[[Path], None] | None = None,
 ) -> list[BenchmarkPoint]:
@@ -146,6 +160,8 @@ def compare_points(
         The setup; the inertial angle is corrected if it lists modes.
     out : str or Path
         Folder of the optical results, as for `process_point`.
+    jobs : int, optional
+        How many processes share the points; the results are the same to the bit.
     overwrite : bool, optional
         Whether results of the same names may be replaced.
     progress : callable, optional
@@ -165,16 +181,29 @@ def compare_points(
     told = {Path(path): _announced(Path(path), open_fields(path).meta) for path in paths}
     sweeps = _sweeps(told.values())
     in_runs = {path: point for path, point in told.items() if point.run not in sweeps}
-    _check_before(in_runs, sweeps, setup, None if overwrite else Path(out))
-    compared = []
-    for path in told:
-        if path in in_runs:
-            compared.append(
-                _compare_point(path, in_runs[path], setup, Path(out), overwrite=overwrite)
-            )
-        if progress is not None:
-            progress(path)
-    return compared
+    if sweeps and not in_runs:
+        raise InputError(
+            f"all points are of a pitch sweep ({', '.join(sorted(sweeps))}: its nominal angle "
+            "changes); give the points of runs at one angle"
+        )
+    check_runs(in_runs.values())
+    out = Path(out)
+    done: list[BenchmarkPoint] = []
+    with Workers(jobs) as workers:
+        # Say now, not after minutes of work, what would fail.
+        check = partial(_check_point, setup=setup, new_in=None if overwrite else out)
+        for _ in workers.map(check, in_runs):
+            pass
+        compare = partial(_compare_point, setup=setup, out=out, overwrite=overwrite)
+        compared = workers.map(compare, in_runs.items())
+        for path in told:
+            if path in in_runs:
+                point, row = next(compared)
+                log_result(out, row)
+                done.append(point)
+            if progress is not None:
+                progress(path)
+    return done
 
 
 def _sweeps(points: Iterable[BenchmarkPoint]) -> set[str]:
@@ -186,29 +215,21 @@ def _sweeps(points: Iterable[BenchmarkPoint]) -> set[str]:
     return {run for run, each in angles.items() if max(each) - min(each) > _SAME_ANGLE_DEG}
 
 
-def _check_before(
-    points: Mapping[Path, BenchmarkPoint], sweeps: set[str], setup: Setup, new_in: Path | None
-) -> None:
-    """Say now, not after minutes of work, what would fail."""
-    if sweeps and not points:
-        raise InputError(
-            f"all points are of a pitch sweep ({', '.join(sorted(sweeps))}: its nominal angle "
-            "changes); give the points of runs at one angle"
-        )
-    check_runs(points.values())
-    for path in points:
-        prepared(open_acquisition(path, setup.inertial))
-        if new_in is not None:
-            check_new_results(new_in, path.stem)
+def _check_point(path: Path, *, setup: Setup, new_in: Path | None) -> None:
+    prepared(open_acquisition(path, setup.inertial))
+    if new_in is not None:
+        check_new_results(new_in, path.stem)
 
 
 def _compare_point(
-    path: Path, announced: BenchmarkPoint, setup: Setup, out: Path, *, overwrite: bool
-) -> BenchmarkPoint:
+    told: tuple[Path, BenchmarkPoint], *, setup: Setup, out: Path, overwrite: bool
+) -> tuple[BenchmarkPoint, dict[str, Any]]:
+    """Return the point with its angles, and its row of the log."""
+    path, announced = told
     record = open_acquisition(path, setup.inertial)
-    row = process_point(path, setup, out, overwrite=overwrite).log
+    row = process_point(path, setup, out, acquisition=record, overwrite=overwrite, to_log=False).log
     raw, corrected = _inertial_angles(prepared(record), setup)
-    return replace(
+    point = replace(
         announced,
         moment_in_lb_pp=moment_peak_to_peak_in_lb(record, announced.plane),
         optical_deg=row["mean_angle_deg"],
@@ -219,6 +240,7 @@ def _compare_point(
         corrected_deg=corrected,
         flags=row["flags"],
     )
+    return point, row
 
 
 def _inertial_angles(record: AcquisitionRecord, setup: Setup) -> tuple[float, float | None]:

@@ -23,7 +23,13 @@ from glint_aoa.errors import RecordingError
 from glint_aoa.flags import REJECTING, Flag
 from glint_aoa.optical.average import MeanAngle, mean_angle
 from glint_aoa.optical.measure import FieldAngles, Measurement, measure_stack
-from glint_aoa.records.angles import angle_record, check_new_results, write_results
+from glint_aoa.records.acquisition import AcquisitionRecord
+from glint_aoa.records.angles import (
+    angle_record,
+    check_new_results,
+    log_result,
+    write_results,
+)
 from glint_aoa.records.fields import FieldStack
 from glint_aoa.records.formats import channels_beside, open_acquisition, open_fields
 from glint_aoa.records.recording import Recording, resolve_recording
@@ -90,6 +96,7 @@ def measure_point(
     setup: Setup,
     *,
     sweep: PitchSweep | None = None,
+    acquisition: AcquisitionRecord | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> PointResult:
     """Measure the fields of a point, calibrate their angles and average them.
@@ -102,6 +109,9 @@ def measure_point(
         The setup.
     sweep : PitchSweep, optional
         Calibration to apply, as from `load_sweep`.
+    acquisition : AcquisitionRecord, optional
+        Channels of the same point, which may show motion too fast for the fields; looked for in
+        and beside the recording if not given.
     progress : callable, optional
         Called after each block with the number of fields that it held.
 
@@ -120,7 +130,7 @@ def measure_point(
     recording = resolve_recording(stack, setup)
     # The matrices are small: threads of the linear algebra only get into each other's way.
     with threadpool_limits(limits=1, user_api="blas"):
-        return _measured(stack, setup, recording, sweep, progress)
+        return _measured(stack, setup, recording, sweep, acquisition, progress)
 
 
 def _measured(
@@ -128,6 +138,7 @@ def _measured(
     setup: Setup,
     recording: Recording,
     sweep: PitchSweep | None,
+    acquisition: AcquisitionRecord | None,
     progress: Callable[[int], None] | None,
 ) -> PointResult:
     geometry = uncertain_geometry(setup)
@@ -144,7 +155,7 @@ def _measured(
         systematic = _joined(systematic, carried)
     values["angle_systematic_std_deg"] = systematic.std_deg
     mean = _mean(setup, recording, values, good)
-    aliased = _visible(_aliased(stack, setup, recording), mean, values, good)
+    aliased = _visible(_aliased(stack, setup, recording, acquisition), mean, values, good)
     attrs = _provenance(stack, setup, measurement, sweep) | _averaging(mean, aliased)
     attrs |= _calibrated(swept, temperature)
     return PointResult(
@@ -163,7 +174,9 @@ def process_point(
     setup: Setup,
     out: str | Path,
     *,
+    acquisition: AcquisitionRecord | None = None,
     overwrite: bool = False,
+    to_log: bool = True,
     progress: Callable[[int], None] | None = None,
 ) -> PointResult:
     """Measure a recorded point and write its results.
@@ -178,8 +191,12 @@ def process_point(
         The setup; the sweep that it names is applied.
     out : str or Path
         Folder of the results; made where it is not there.
+    acquisition : AcquisitionRecord, optional
+        As for `measure_point`.
     overwrite : bool, optional
         Whether results of the same name may be replaced.
+    to_log : bool, optional
+        Whether the log's row is written; whoever does it later takes it from the result.
     progress : callable, optional
         Called after each block with the number of fields that it held.
 
@@ -196,8 +213,12 @@ def process_point(
     stack, out = open_fields(path), Path(out)
     if not overwrite:
         check_new_results(out, stack.name)
-    result = measure_point(stack, setup, sweep=load_sweep(setup), progress=progress)
-    write_results(out, result.name, result.record, result.log)
+    result = measure_point(
+        stack, setup, sweep=load_sweep(setup), acquisition=acquisition, progress=progress
+    )
+    write_results(out, result.name, result.record)
+    if to_log:
+        log_result(out, result.log)
     return result
 
 
@@ -278,14 +299,19 @@ def _mean(
     )
 
 
-def _aliased(stack: FieldStack, setup: Setup, recording: Recording) -> AliasedMotion | None:
+def _aliased(
+    stack: FieldStack,
+    setup: Setup,
+    recording: Recording,
+    acquisition: AcquisitionRecord | None,
+) -> AliasedMotion | None:
     """Motion too fast for the fields, where channels in or beside the recording show it."""
     try:
-        channels = None if stack.path is None else channels_beside(stack.path)
-        if channels is None:
+        acquisition = acquisition or _channels(stack, setup)
+        if acquisition is None:
             return None
         return aliased_motion(
-            open_acquisition(channels, setup.inertial),
+            acquisition,
             rate_hz=recording.rate_hz,
             exposure_s=recording.exposure_s,
             start_s=recording.start_s,
@@ -296,6 +322,11 @@ def _aliased(stack: FieldStack, setup: Setup, recording: Recording) -> AliasedMo
         )
     except RecordingError:  # channels that cannot be used say nothing about the fields
         return None
+
+
+def _channels(stack: FieldStack, setup: Setup) -> AcquisitionRecord | None:
+    beside = None if stack.path is None else channels_beside(stack.path)
+    return None if beside is None else open_acquisition(beside, setup.inertial)
 
 
 def _visible(

@@ -15,6 +15,7 @@ import typer
 from glint_aoa.errors import InputError, OutputError
 
 __all__ = [
+    "Jobs",
     "Json",
     "Out",
     "Overwrite",
@@ -44,6 +45,9 @@ Out = Annotated[
     typer.Option(
         "--out", "-o", metavar="FOLDER", help="Folder for the results; made if it is not there."
     ),
+]
+Jobs = Annotated[
+    int, typer.Option("--jobs", min=1, metavar="N", help="Processes that share the points.")
 ]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace results of the same name.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON on stdout.")]

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from glint_aoa.cli._common import (
+    Jobs,
     Json,
     Out,
     Overwrite,
@@ -33,6 +34,7 @@ def benchmark(
     points: Points,
     out: Out,
     setup: SetupFile = Path("glint-aoa.toml"),
+    jobs: Jobs = 1,
     overwrite: Overwrite = False,
     strict: Strict = False,
     as_json: Json = False,
@@ -53,7 +55,7 @@ def benchmark(
     """
     from glint_aoa.setup import load_setup
 
-    summary = run_benchmark(points, load_setup(setup), out, overwrite=overwrite)
+    summary = run_benchmark(points, load_setup(setup), out, jobs=jobs, overwrite=overwrite)
     compared = summary["compared"]
     if as_json:
         print_json({key: summary[key] for key in ("table4", "repeatability", "files")})
@@ -74,7 +76,7 @@ def check_benchmark(out: Path, *, overwrite: bool) -> None:
 
 
 def run_benchmark(
-    points: list[Path], settings: Any, out: Path, *, overwrite: bool = False
+    points: list[Path], settings: Any, out: Path, *, jobs: int = 1, overwrite: bool = False
 ) -> dict[str, Any]:
     """Process, correct and compare points; write the tables and return them."""
     from dataclasses import asdict
@@ -91,6 +93,7 @@ def run_benchmark(
             points,
             settings,
             out,
+            jobs=jobs,
             overwrite=overwrite,
             progress=lambda path: advance(1, path.stem),
         )

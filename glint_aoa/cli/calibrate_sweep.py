@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from glint_aoa.cli._common import (
+    Jobs,
     Json,
     Overwrite,
     Points,
@@ -54,6 +55,7 @@ def sweep(
             help="Static accuracy of the onboard sensor, an error that all points share, 1 sigma.",
         ),
     ] = 0.0,
+    jobs: Jobs = 1,
     overwrite: Overwrite = False,
     as_json: Json = False,
 ) -> None:
@@ -84,6 +86,7 @@ def sweep(
             settings,
             degree=degree,
             onboard_accuracy_deg=accuracy,
+            jobs=jobs,
             progress=lambda path: advance(1, path.stem),
         )
     make_folder(out.parent)

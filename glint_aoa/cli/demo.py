@@ -27,7 +27,7 @@ def demo(
         typer.Option(
             min=1,
             metavar="N",
-            help="Processes that simulate; one a processor if not given.",
+            help="Processes that share the points; one a processor if not given.",
             show_default=False,
         ),
     ] = None,
@@ -54,7 +54,8 @@ def demo(
     files_beside = ("sweep.toml", "sweep.png", "field.png")
     check_new_files((setup_file, *(out / name for name in files_beside)), overwrite=overwrite)
     check_benchmark(out / "results", overwrite=overwrite)
-    paths = _simulate(points, renderer, seed, jobs or os.cpu_count() or 1, overwrite)
+    jobs = jobs or os.cpu_count() or 1
+    paths = _simulate(points, renderer, seed, jobs, overwrite)
     sweep = [path for path in paths if path.stem.startswith("sweep")]
     runs = [path for path in paths if path not in sweep]
 
@@ -62,12 +63,14 @@ def demo(
     setup_file.write_bytes((files("glint_aoa") / "data" / "paper-test.toml").read_bytes())
     setup = load_setup(setup_file)
     with bar(len(sweep)) as advance:
-        fitted = calibrate_sweep(sweep, setup, progress=lambda path: advance(1, path.stem))
+        fitted = calibrate_sweep(
+            sweep, setup, jobs=jobs, progress=lambda path: advance(1, path.stem)
+        )
     fitted.save(out / "sweep.toml", overwrite=overwrite)
     save_figure(sweep_figure(fitted), out / "sweep.png", overwrite=overwrite)
 
     typer.echo(f"3. Processing, correcting and comparing {len(runs)} points\n")
-    summary = run_benchmark(runs, setup, out / "results", overwrite=overwrite)
+    summary = run_benchmark(runs, setup, out / "results", jobs=jobs, overwrite=overwrite)
     typer.echo(summary["text"])
     tell_flagged(summary["compared"])
     picture = _picture(runs, setup, out / "field.png", overwrite)

@@ -6,9 +6,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline, CubicSpline
-from scipy.optimize import least_squares
-from scipy.special import ndtr
 
+from glint_aoa.optical._line_models import edge
+from glint_aoa.optical._profile_fit import (
+    Bins,
+    ProfileFit,
+    best_fit,
+    gaussian,
+    height_and_level,
+    refined,
+)
 from glint_aoa.optical.estimator import Sample
 from glint_aoa.optical.noise import NoiseModel
 from glint_aoa.optical.shape import GlintShape
@@ -28,7 +35,6 @@ _MOST_COLUMNS = 96  # of the sample serve to learn the profile
 _EDGE_WIDTH = 0.5  # lines: blur of an edge that the line hides
 _FARTHEST = 1.0  # lines that a centre may be shifted in one round
 _ROUNDS = 5
-_MOST_STEPS = 40
 _LEAST_BINS = 6
 _BIN = 1 / 16  # lines
 _KNOTS = 0.5  # lines: the correction follows nothing finer, nor does a pixel's integral
@@ -36,7 +42,6 @@ _PHASE_BINS, _LEAST_SHARE = 8, 0.25
 _OUTLYING = 6.0  # standard deviations at which a pixel does not count
 _CLEAR_OF_TOP = 4.0  # standard deviations that a pixel's light must lie below the top of the scale
 _GRID = 1 / 32  # lines between the points of the finished profile
-_ROOT_2_PI = float(np.sqrt(2 * np.pi))
 
 
 @dataclass(frozen=True)
@@ -100,7 +105,7 @@ class ColumnLight:
 
 def background_shapes(t: _Array) -> _Array:
     """Tilt and step of a background at `t` lines from the line's centre, along a first axis."""
-    return np.stack([t, _edge(t, _EDGE_WIDTH) - 0.5])
+    return np.stack([t, edge(t, _EDGE_WIDTH) - 0.5])
 
 
 def phases_covered(row: _Array) -> bool:
@@ -162,16 +167,18 @@ def learn_profile(
     reach = shape.half_width + shape.flank
     cloud = _cloud(sample.thinned(_MOST_COLUMNS), shape, reach)
     covered = phases_covered(sample.row)
-    start = _Fit(_GAUSSIAN, np.array([0.0, max(shape.half_width / 3.2, 0.3)]))
+    start = fit = gaussian(max(shape.half_width / 3.2, 0.3))
     profile = LineProfile(_spline_of(start.curve, reach), reach, "parametric", "")
-    for _ in range(_ROUNDS):
+    for number in range(_ROUNDS):
         light = _light(cloud, profile, noise)
         cloud = _without_outliers(_shifted(cloud, light), profile, light, noise)
         bins = _binned(cloud, light, noise)
         if bins.t.size < _LEAST_BINS:
             break
-        # Chosen anew: columns that are not yet aligned make a Gaussian look like something else.
-        profile = _finished(bins, _best_fit(bins, start), reach, covered=covered)
+        # Chosen anew at last: columns not yet aligned make a Gaussian look like something else.
+        is_between = 0 < number < _ROUNDS - 1
+        fit = refined(bins, fit) if is_between else best_fit(bins, start)
+        profile = _finished(bins, fit, reach, covered=covered)
     profile = replace(profile, misfit=_misfit(cloud, profile, noise))
     whole = _cloud(sample, shape, reach)
     whole = _without_outliers(whole, profile, _light(whole, profile, noise), noise)
@@ -207,9 +214,10 @@ def _light(cloud: _Cloud, profile: LineProfile, noise: NoiseModel) -> ColumnLigh
     weight = 1 / noise.variance(np.abs(cloud.grey))
     normal, right = np.empty((cloud.n_columns, 5, 5)), np.empty((cloud.n_columns, 5))
     for i, one in enumerate(columns):
-        right[:, i] = _sum_by_column(cloud, weight * one * cloud.grey)
-        for j, other in enumerate(columns):
-            normal[:, i, j] = _sum_by_column(cloud, weight * one * other)
+        weighted = weight * one
+        right[:, i] = _sum_by_column(cloud, weighted * cloud.grey)
+        for j, other in enumerate(columns[: i + 1]):
+            normal[:, i, j] = normal[:, j, i] = _sum_by_column(cloud, weighted * other)
     known = normal[:, 0, 0] > 0
     normal[~known] = np.eye(5)
     normal += np.eye(5) * 1e-9 * np.trace(normal, axis1=1, axis2=2)[:, None, None]
@@ -263,7 +271,7 @@ def _background(cloud: _Cloud, light: ColumnLight) -> _Array:
     return level
 
 
-def _finished(bins: "_Bins", fit: "_Fit", reach: float, *, covered: bool) -> LineProfile:
+def _finished(bins: Bins, fit: ProfileFit, reach: float, *, covered: bool) -> LineProfile:
     """Parametric profile, corrected where the sample covers the phases."""
     if not covered or bins.t.size < 4 * reach:
         return LineProfile(_spline_of(fit.curve, reach), reach, "parametric", str(fit))
@@ -272,16 +280,7 @@ def _finished(bins: "_Bins", fit: "_Fit", reach: float, *, covered: bool) -> Lin
     return LineProfile(whole, reach, "learnt", str(fit))
 
 
-@dataclass(frozen=True)
-class _Bins:
-    """Means in fine bins of the distance from the line, and their weights."""
-
-    t: _Array
-    value: _Array
-    weight: _Array
-
-
-def _binned(cloud: _Cloud, light: ColumnLight, noise: NoiseModel) -> _Bins:
+def _binned(cloud: _Cloud, light: ColumnLight, noise: NoiseModel) -> Bins:
     """Pixels of all columns, brought to one height, in fine bins."""
     c = cloud.column
     height = np.where(light.height[c] > 0, light.height[c], np.nan)
@@ -293,127 +292,17 @@ def _binned(cloud: _Cloud, light: ColumnLight, noise: NoiseModel) -> _Bins:
     index -= index.min(initial=0)
     total = np.bincount(index, weight).astype(np.float64)
     there = total > 0
-    return _Bins(
+    return Bins(
         np.bincount(index, weight * t)[there] / total[there],
         np.bincount(index, weight * value)[there] / total[there],
         total[there],
     )
 
 
-def _gaussian(sigma: float) -> _Curve:
-    return lambda t: _ROOT_2_PI * sigma * (ndtr((t + 0.5) / sigma) - ndtr((t - 0.5) / sigma))
-
-
-def _edge(t: _Array, sigma: float) -> _Array:
-    """Soft step, integrated over a pixel."""
-    return _ramp(t + 0.5, sigma) - _ramp(t - 0.5, sigma)
-
-
-def _ramp(t: _Array, sigma: float) -> _Array:
-    x = t / sigma
-    ramp: _Array = t * ndtr(x) + sigma * np.exp(-0.5 * x * x) / _ROOT_2_PI
-    return ramp
-
-
-def _band(half: float, above: float, below: float) -> _Curve:
-    return lambda t: _edge(t + half, above) - _edge(t - half, below)
-
-
-def _skirted(sigma: float, share: float, offset: float, wide: float) -> _Curve:
-    narrow, skirt = _gaussian(sigma), _gaussian(wide * sigma)
-    return lambda t: (1 - share) * narrow(t) + share * skirt(t - offset)
-
-
-@dataclass(frozen=True)
-class _Model:
-    """A parametric profile; its figures are multiples of the width, shares or, first, a width."""
-
-    name: str
-    curve: Callable[..., _Curve]
-    start: tuple[float, ...]  # for a Gaussian of unit width
-    low: tuple[float, ...]
-    high: tuple[float, ...]
-
-
-_GAUSSIAN = _Model("Gaussian", _gaussian, (1.0,), (0.25,), (40.0,))
-_RICHER = (
-    _Model("band", _band, (1.2, 0.6, 0.6), (0.1, 0.15, 0.15), (60.0, 20.0, 20.0)),
-    _Model("skirted", _skirted, (1.0, 0.1, 0.0, 2.0), (0.25, 0, -9, 1.2), (40, 0.6, 9, 6)),
-)
-
-
-@dataclass(frozen=True)
-class _Fit:
-    """A parametric profile with its centre and figures."""
-
-    model: _Model
-    figures: _Array
-
-    def curve(self, t: _Array) -> _Array:
-        return self.model.curve(*self.figures[1:])(t - self.figures[0])
-
-    def __str__(self) -> str:
-        told = ", ".join(f"{each:.3g}" for each in self.figures[1:])
-        return f"{self.model.name} ({told})"
-
-
-def _best_fit(bins: _Bins, start: _Fit) -> _Fit:
-    """Fit the Gaussian, and richer profiles where it does not explain the sample.
-
-    Schwarz's criterion chooses; with few bins the Gaussian is all that they can tell.
-    """
-    best, misfit = _fitted(bins, start)
-    free = bins.t.size - best.figures.size - 2
-    if misfit < free + 4 * np.sqrt(2 * free):
-        return best
-    score, width = misfit + best.figures.size * np.log(bins.t.size), best.figures[1]
-    for model in _RICHER:
-        scale = np.array([width] * 3 if model.name == "band" else [width, 1.0, width, 1.0])
-        trial = _Fit(model, np.concatenate([[0.0], np.array(model.start) * scale]))
-        if bins.t.size < 3 * (trial.figures.size + 2):
-            continue
-        fit, misfit = _fitted(bins, trial)
-        if misfit + fit.figures.size * np.log(bins.t.size) < score:
-            best, score = fit, misfit + fit.figures.size * np.log(bins.t.size)
-    return best
-
-
-def _fitted(bins: _Bins, start: _Fit) -> tuple[_Fit, float]:
-    """Improve a profile's figures, height and level free; returns the sum of squares left."""
-    model, root = start.model, np.sqrt(bins.weight)
-
-    def residual(figures: _Array) -> _Array:
-        shape = _Fit(model, figures).curve(bins.t)
-        height, level = _height_and_level(bins, shape)
-        left: _Array = (bins.value - level - height * shape) * root
-        return left
-
-    low, high = np.array((-1.0, *model.low)), np.array((1.0, *model.high))
-    fit = least_squares(
-        residual,
-        np.clip(start.figures, low + 1e-6, high - 1e-6),
-        bounds=(low, high),
-        x_scale=0.3,
-        max_nfev=_MOST_STEPS,
-    )
-    return _Fit(model, fit.x), float(2 * fit.cost)
-
-
-def _height_and_level(bins: _Bins, shape: _Array) -> tuple[float, float]:
-    total = bins.weight.sum()
-    shape_mean = (bins.weight @ shape) / total
-    value_mean = (bins.weight @ bins.value) / total
-    departure = shape - shape_mean
-    height = (
-        (bins.weight * departure) @ bins.value / ((bins.weight * departure) @ departure + 1e-30)
-    )
-    return float(height), float(value_mean - height * shape_mean)
-
-
-def _correction(bins: _Bins, curve: _Curve, reach: float) -> _Curve:
+def _correction(bins: Bins, curve: _Curve, reach: float) -> _Curve:
     """Least-squares spline through what the parametric profile leaves, zero beyond its knots."""
     shape, root = curve(bins.t), np.sqrt(bins.weight)
-    height, level = _height_and_level(bins, shape)
+    height, level = height_and_level(bins, shape)
     left = (bins.value - level) / height - shape
     inner = np.arange(-np.floor(reach) + 0.5, np.floor(reach), _KNOTS)
     inner = inner[(inner > bins.t[0]) & (inner < bins.t[-1])]

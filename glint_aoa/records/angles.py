@@ -12,7 +12,14 @@ from glint_aoa.records.tables import append_log, write_csv, write_netcdf
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["FIELD_COLUMNS", "LOG_COLUMNS", "angle_record", "check_new_results", "write_results"]
+__all__ = [
+    "FIELD_COLUMNS",
+    "LOG_COLUMNS",
+    "angle_record",
+    "check_new_results",
+    "log_result",
+    "write_results",
+]
 
 _UNITS_AND_MEANING = {
     "field": ("1", "number of the field in its recording"),
@@ -107,12 +114,8 @@ def check_new_results(folder: Path, name: str) -> None:
     check_new((folder / f"{name}.csv", folder / f"{name}.nc"))
 
 
-def write_results(
-    folder: Path, name: str, record: "xr.Dataset", log_row: Mapping[str, object]
-) -> None:
-    """Write ``<name>.csv`` and ``<name>.nc``, then append the point to ``log.csv``.
-
-    The row in the log comes last: a point that has one has its files, whole.
+def write_results(folder: Path, name: str, record: "xr.Dataset") -> None:
+    """Write ``<name>.csv`` and ``<name>.nc``.
 
     Raises
     ------
@@ -123,4 +126,14 @@ def write_results(
     columns = {column: record[column].to_numpy() for column in FIELD_COLUMNS}
     write_csv(folder / f"{name}.csv", columns, formats=_FORMATS)
     write_netcdf(folder / f"{name}.nc", record)
-    append_log(folder / "log.csv", log_row, LOG_COLUMNS)
+
+
+def log_result(folder: Path, row: Mapping[str, object]) -> None:
+    """Append a point to ``log.csv``; last of all, so that a point in the log has its files.
+
+    Raises
+    ------
+    OutputError
+        If the log has other columns, or cannot be written.
+    """
+    append_log(folder / "log.csv", row, LOG_COLUMNS)

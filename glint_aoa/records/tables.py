@@ -170,7 +170,10 @@ def write_netcdf(path: str | Path, dataset: "xr.Dataset") -> None:
         If the file cannot be written.
     """
     with replacing(Path(path)) as temporary:
-        dataset.to_netcdf(temporary, engine="h5netcdf")
+        try:
+            dataset.to_netcdf(temporary, engine="netcdf4")
+        except RuntimeError as error:  # how the library speaks of a full disk
+            raise OSError(str(error)) from error
 
 
 def _plain(values: NDArray[Any] | Sequence[Any]) -> list[Any]:
