@@ -78,6 +78,18 @@ class _Cloud:
     grey: _Array
     column: NDArray[np.int64]  # 0 ... n_columns - 1
     n_columns: int
+    uneven: _Array  # shapes of an uneven background there [shape, point]
+
+    def moved(self, by: _Array) -> "_Cloud":
+        """Return the same pixels, the line `by` lines further down in each."""
+        t = self.t - by
+        return replace(self, t=t, uneven=background_shapes(t))
+
+    def only(self, kept: NDArray[np.bool_]) -> "_Cloud":
+        """Return some of the pixels."""
+        return _Cloud(
+            self.t[kept], self.grey[kept], self.column[kept], self.n_columns, self.uneven[:, kept]
+        )
 
 
 @dataclass(frozen=True)
@@ -171,7 +183,8 @@ def learn_profile(
     profile = LineProfile(_spline_of(start.curve, reach), reach, "parametric", "")
     for number in range(_ROUNDS):
         light = _light(cloud, profile, noise)
-        cloud = _without_outliers(_shifted(cloud, light), profile, light, noise)
+        cloud = cloud.moved(light.shift[cloud.column])
+        cloud = _without_outliers(cloud, profile, light, noise)
         bins = _binned(cloud, light, noise)
         if bins.t.size < _LEAST_BINS:
             break
@@ -204,13 +217,16 @@ def _cloud(sample: Sample, shape: GlintShape, reach: float) -> _Cloud:
     grey = sample.fields[field[:, None], rows, sample.columns[column][:, None]].astype(np.float64)
     usable = inside & (grey < shape.saturation)
     which = np.broadcast_to(column[:, None], t.shape)
-    return _Cloud(t[usable], shape.sign * grey[usable], which[usable], sample.columns.size)
+    t = t[usable]
+    return _Cloud(
+        t, shape.sign * grey[usable], which[usable], sample.columns.size, background_shapes(t)
+    )
 
 
 def _light(cloud: _Cloud, profile: LineProfile, noise: NoiseModel) -> ColumnLight:
     """Least squares for height, level and uneven background of each column."""
     value, slope = profile.curve(cloud.t), profile.curve(cloud.t, 1)
-    columns = (value, np.ones(cloud.t.size), *background_shapes(cloud.t), -slope)
+    columns = (value, np.ones(cloud.t.size), *cloud.uneven, -slope)
     weight = 1 / noise.variance(np.abs(cloud.grey))
     normal, right = np.empty((cloud.n_columns, 5, 5)), np.empty((cloud.n_columns, 5))
     for i, one in enumerate(columns):
@@ -235,10 +251,6 @@ def _light(cloud: _Cloud, profile: LineProfile, noise: NoiseModel) -> ColumnLigh
     )
 
 
-def _shifted(cloud: _Cloud, light: ColumnLight) -> _Cloud:
-    return replace(cloud, t=cloud.t - light.shift[cloud.column])
-
-
 def _sum_by_column(cloud: _Cloud, values: _Array) -> _Array:
     sums: _Array = np.bincount(cloud.column, values, minlength=cloud.n_columns).astype(np.float64)
     return sums
@@ -256,7 +268,7 @@ def _without_outliers(
         kept = departure <= _OUTLYING * max(1.0, usual)
         # Near the top of the scale only the darker readings are left, which would bend the profile.
         kept &= np.abs(model) < noise.saturation - _CLEAR_OF_TOP * scale
-    return _Cloud(cloud.t[kept], cloud.grey[kept], cloud.column[kept], cloud.n_columns)
+    return cloud.only(kept)
 
 
 def _modelled(cloud: _Cloud, profile: LineProfile, light: ColumnLight) -> _Array:
@@ -267,7 +279,7 @@ def _modelled(cloud: _Cloud, profile: LineProfile, light: ColumnLight) -> _Array
 
 def _background(cloud: _Cloud, light: ColumnLight) -> _Array:
     c = cloud.column
-    level: _Array = light.level[c] + (light.uneven[:, c] * background_shapes(cloud.t)).sum(axis=0)
+    level: _Array = light.level[c] + (light.uneven[:, c] * cloud.uneven).sum(axis=0)
     return level
 
 

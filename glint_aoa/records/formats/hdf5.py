@@ -295,11 +295,12 @@ def _meta(path: Path, file: h5py.File) -> dict[str, object]:
 
 def _attribute(owner: h5py.HLObject, name: str) -> Any:
     """Return an attribute as plain Python: str, bool, number or list; None where it is missing."""
-    if name not in owner.attrs:
+    attributes = owner.attrs
+    if name not in attributes:
         return None
-    if owner.attrs.get_id(name).get_storage_size() > _MOST_ATTRIBUTE_BYTES:
+    if attributes.get_id(name).get_storage_size() > _MOST_ATTRIBUTE_BYTES:
         raise ValueError(f"attribute {name} of {owner.name} is too large")
-    value = owner.attrs[name]
+    value = attributes[name]
     if isinstance(value, np.ndarray):
         value = value.item() if value.size == 1 else [_text(each) for each in value.ravel()]
     return _text(value)
