@@ -13,7 +13,7 @@ help:
 	@echo "make check  format, lint, types, import layers"
 	@echo "make bench  speed, precision and memory of the measurement, beside rivals; 5 minutes"
 	@echo "make coverage  do the stated uncertainties cover the errors; thousands of draws each"
-	@echo "make torture  measure thousands of spoilt recordings and look for wrong angles"
+	@echo "make torture  measure thousands of spoilt recordings, kill a batch hundreds of times"
 	@echo "make clean  remove what these made"
 
 demo: $(VENV)/installed
@@ -43,6 +43,7 @@ coverage: $(VENV)/installed-dev
 
 torture: $(VENV)/installed-dev
 	$(BIN)/python -m torture
+	$(BIN)/python -m torture.kills
 
 $(VENV)/created:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \

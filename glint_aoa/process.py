@@ -39,7 +39,7 @@ from glint_aoa.sweep_use import SweptAngles, apply_sweep, stack_temperature
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["PointResult", "load_sweep", "measure_point", "process_point"]
+__all__ = ["PointResult", "load_sweep", "measure_point", "point_identity", "process_point"]
 
 _Array = NDArray[np.float64]
 _MM = 1e3
@@ -222,6 +222,15 @@ def process_point(
     return result
 
 
+def point_identity(stack: FieldStack) -> dict[str, str]:
+    """Return what the log calls a point: its run, its name in the run, and its time of day."""
+    return {
+        "run": str(stack.meta.get("run", "")),
+        "point": str(stack.meta.get("point", stack.name)),
+        "trigger_time": stack.info.trigger_time or "",
+    }
+
+
 def _columns(
     angles: FieldAngles, measurement: Measurement, swept: SweptAngles | None
 ) -> dict[str, NDArray[Any]]:
@@ -361,10 +370,7 @@ def _log_row(
     mean: MeanAngle,
 ) -> dict[str, Any]:
     intercept = np.where(good, values["intercept_mm"], np.nan)
-    return {
-        "run": stack.meta.get("run", ""),
-        "point": stack.meta.get("point", stack.name),
-        "trigger_time": stack.info.trigger_time or "",
+    return point_identity(stack) | {
         "n_fields": good.size,
         "n_used": int(good.sum()),
         "mean_angle_deg": mean.mean,
@@ -438,9 +444,7 @@ def _provenance(
         "title": f"glint-aoa angles of {stack.name}",
         "glint_aoa_version": __version__,
         "recording": str(stack.path or ""),
-        "run": str(stack.meta.get("run", "")),
-        "point": str(stack.meta.get("point", stack.name)),
-        "trigger_time": stack.info.trigger_time or "",
+        **point_identity(stack),
         "setup": setup.model_dump_json(),
         "setup_hash": setup.hash,
         "estimator": measurement.estimator.name,

@@ -21,6 +21,7 @@ __all__ = [
     "Overwrite",
     "Points",
     "Polarity",
+    "Resume",
     "Scan",
     "SetupFile",
     "Strict",
@@ -50,6 +51,7 @@ Jobs = Annotated[
     int, typer.Option("--jobs", min=1, metavar="N", help="Processes that share the points.")
 ]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace results of the same name.")]
+Resume = Annotated[bool, typer.Option("--resume", help="Go on where an interrupted run stopped.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON on stdout.")]
 Strict = Annotated[bool, typer.Option("--strict", help="Exit with code 3 if anything is flagged.")]
 

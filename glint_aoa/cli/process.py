@@ -10,6 +10,7 @@ from glint_aoa.cli._common import (
     Out,
     Overwrite,
     Points,
+    Resume,
     SetupFile,
     Strict,
     bar,
@@ -32,6 +33,7 @@ def process(
     out: Out,
     setup: SetupFile = Path("glint-aoa.toml"),
     overwrite: Overwrite = False,
+    resume: Resume = False,
     strict: Strict = False,
     as_json: Json = False,
 ) -> None:
@@ -46,27 +48,33 @@ def process(
     """
     from glint_aoa.errors import InputError
     from glint_aoa.process import load_sweep, process_point
+    from glint_aoa.resume import finished_points
     from glint_aoa.setup import load_setup
 
     settings = load_setup(setup)
     load_sweep(settings)
     check_names(points, taken=["log"])
     check_folder(out)
+    finished = finished_points(points, settings, out) if resume else []
+    left = [path for path in points if path not in finished]
     results: list[PointResult] = []
     failures: list[InputError] = []
-    with bar(_n_fields(points)) as advance:
-        for path in points:
+    with bar(_n_fields(left)) as advance:
+        for path in left:
             advance(0, path.stem)
             try:
-                results.append(
-                    process_point(path, settings, out, overwrite=overwrite, progress=advance)
+                result = process_point(
+                    path, settings, out, overwrite=overwrite or resume, progress=advance
                 )
+                results.append(result)
             except InputError as error:
                 failures.append(error)
     if as_json:
         print_json([{"name": each.name, **each.log} for each in results])
     elif results:
         _print(results, out)
+    if finished:
+        typer.echo(f"{len(finished)} of {len(points)} points were finished before", err=True)
     for failure in failures:
         typer.echo(f"glint-aoa: {failure}", err=True)
     if failures:

@@ -18,6 +18,7 @@ __all__ = [
     "angle_record",
     "check_new_results",
     "log_result",
+    "result_files",
     "write_results",
 ]
 
@@ -103,6 +104,11 @@ def angle_record(values: Mapping[str, NDArray[Any]], attrs: Mapping[str, Any]) -
     return xr.Dataset(described, coords={"field": number}, attrs=dict(attrs))
 
 
+def result_files(folder: Path, name: str) -> tuple[Path, Path]:
+    """Return the files of a point's results: table and NetCDF."""
+    return folder / f"{name}.csv", folder / f"{name}.nc"
+
+
 def check_new_results(folder: Path, name: str) -> None:
     """Refuse to write where a point of that name has been written before.
 
@@ -111,7 +117,7 @@ def check_new_results(folder: Path, name: str) -> None:
     OutputError
         If `folder` holds results of `name`.
     """
-    check_new((folder / f"{name}.csv", folder / f"{name}.nc"))
+    check_new(result_files(folder, name))
 
 
 def write_results(folder: Path, name: str, record: "xr.Dataset") -> None:
@@ -124,8 +130,9 @@ def write_results(folder: Path, name: str, record: "xr.Dataset") -> None:
     """
     make_folder(folder)
     columns = {column: record[column].to_numpy() for column in FIELD_COLUMNS}
-    write_csv(folder / f"{name}.csv", columns, formats=_FORMATS)
-    write_netcdf(folder / f"{name}.nc", record)
+    table, netcdf = result_files(folder, name)
+    write_csv(table, columns, formats=_FORMATS)
+    write_netcdf(netcdf, record)
 
 
 def log_result(folder: Path, row: Mapping[str, object]) -> None:
