@@ -5,7 +5,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test check bench coverage torture clean help
+.PHONY: demo test check bench coverage torture fuzz clean help
 
 help:
 	@echo "make demo   show the whole product on a simulated test (writes demo-out/)"
@@ -14,6 +14,7 @@ help:
 	@echo "make bench  speed, precision and memory of the measurement, beside rivals; 5 minutes"
 	@echo "make coverage  do the stated uncertainties cover the errors; thousands of draws each"
 	@echo "make torture  measure thousands of spoilt recordings, kill a batch hundreds of times"
+	@echo "make fuzz   read tens of thousands of damaged files and setups"
 	@echo "make clean  remove what these made"
 
 demo: $(VENV)/installed
@@ -44,6 +45,10 @@ coverage: $(VENV)/installed-dev
 torture: $(VENV)/installed-dev
 	$(BIN)/python -m torture
 	$(BIN)/python -m torture.kills
+
+fuzz: $(VENV)/installed-dev
+	$(BIN)/python -m fuzz
+	$(BIN)/python -m fuzz.setups
 
 $(VENV)/created:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
