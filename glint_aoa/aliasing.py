@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
 
 from glint_aoa.records.acquisition import AcquisitionRecord, Channel
 
@@ -139,6 +138,8 @@ def _spectra(channels: list[Channel]) -> tuple[_Array, NDArray[np.complex128]]:
 
     The squares of their absolute values add up to the mean square [m^2/s^4].
     """
+    from scipy import signal  # noqa: PLC0415  slow to import
+
     upward = np.array([1.0 if channel.axis == "+z" else -1.0 for channel in channels])
     values = upward[:, None] * np.array([channel.values("m/s^2") for channel in channels])
     window = signal.windows.hann(values.shape[1], sym=False)

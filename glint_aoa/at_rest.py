@@ -91,8 +91,8 @@ def _without_mark_place(setup: Setup) -> Setup:
 
 def _places(result: PointResult) -> dict[str, Any]:
     """Where line and mark lie, as means over the fields used."""
-    good = (result.record["flags"].to_numpy() & int(REJECTING)) == 0
-    noise = result.record["intercept_std_mm"].to_numpy()[good]
+    good = (result.values["flags"] & int(REJECTING)) == 0
+    noise = result.values["intercept_std_mm"][good]
     spread = result.log["std_intercept_mm"] if good.sum() > 1 else noise.max()
     return {
         "intercept_mm": result.log["mean_intercept_mm"],

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -53,8 +54,10 @@ class PointResult:
     ----------
     name : str
         Name of the point's result files.
-    record : Dataset
-        One entry a field; see `glint_aoa.records.angles`.
+    values : dict of str to ndarray [field]
+        Columns of the results; see `glint_aoa.records.angles`.
+    attrs : dict
+        All settings, and where the point comes from.
     log : dict
         The row of ``log.csv``.
     measurement : Measurement
@@ -64,10 +67,16 @@ class PointResult:
     """
 
     name: str
-    record: "xr.Dataset"
+    values: dict[str, NDArray[Any]]
+    attrs: dict[str, Any]
     log: dict[str, Any]
     measurement: Measurement
     angles: FieldAngles
+
+    @cached_property
+    def record(self) -> "xr.Dataset":
+        """Values and attributes as a Dataset over ``field``."""
+        return angle_record(self.values, self.attrs)
 
     @property
     def flags(self) -> int:
@@ -160,7 +169,8 @@ def _measured(
     attrs |= _calibrated(swept, temperature)
     return PointResult(
         name=stack.name,
-        record=angle_record(values, attrs),
+        values=values,
+        attrs=attrs,
         log=_log_row(stack, setup, values, good, mean)
         | {"mean_angle_u95_deg": _expanded(mean, systematic, good)}
         | _point_flags(values, good, aliased),
@@ -216,7 +226,7 @@ def process_point(
     result = measure_point(
         stack, setup, sweep=load_sweep(setup), acquisition=acquisition, progress=progress
     )
-    write_results(out, result.name, result.record)
+    write_results(out, result.name, result.values, result.attrs)
     if to_log:
         log_result(out, result.log)
     return result

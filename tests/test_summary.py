@@ -92,7 +92,8 @@ def test_blocks_join_to_what_the_whole_stack_gives():
     made = centres(np.linspace(30, 50, 60))
     made[::7, 3] = 90.0
     whole = summed(made, COLUMNS)
-    joined = FieldSummary.joined([summed(made[k : k + 7], COLUMNS) for k in range(0, 60, 7)])
+    parts = (summed(made[k : k + 7], COLUMNS) for k in range(0, 60, 7))
+    joined = FieldSummary.joined(parts, 60)
     for field in dataclasses.fields(FieldSummary):
         np.testing.assert_array_equal(getattr(joined, field.name), getattr(whole, field.name))
 

@@ -162,12 +162,14 @@ def test_programs_that_share_a_log_do_not_mix_their_lines(tmp_path):
 
 def test_netcdf_round_trip_keeps_units(tmp_path):
     path = tmp_path / "p.nc"
-    angle = ("field", np.array([1.0, np.nan]), {"units": "deg"})
-    dataset = xr.Dataset({"angle_deg": angle}, attrs={"setup_hash": "abc"})
-    write_netcdf(path, dataset)
-    write_netcdf(path, dataset)
+    columns = {"field": np.arange(2), "angle_deg": np.array([1.0, np.nan])}
+    attrs = {"setup_hash": "abc", "rate_hz": 60.0, "words": "", "lines_hz": [9.8, 19.5], "no": []}
+    for _ in range(2):
+        write_netcdf(path, columns, attrs=attrs, column_attrs={"angle_deg": {"units": "deg"}})
+    angle = ("field", columns["angle_deg"], {"units": "deg"})
+    expected = xr.Dataset({"angle_deg": angle}, {"field": columns["field"]}, attrs)
     with xr.open_dataset(path, engine="h5netcdf") as back:
-        xr.testing.assert_identical(back.load(), dataset)
+        xr.testing.assert_identical(back.load(), expected)
     assert [each.name for each in tmp_path.iterdir()] == ["p.nc"]
 
 

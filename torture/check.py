@@ -87,11 +87,11 @@ def measure(
         first_parity=("even", "odd")[scene.first_parity],
     )
     stack = FieldStack.from_array(stored, info, times_s=scene.times_s)
-    record = measure_point(stack, setup_of(scene)).record
+    values = measure_point(stack, setup_of(scene)).values
     return (
-        record["angle_deg"].to_numpy(),
-        record["angle_std_deg"].to_numpy(),
-        record["flags"].to_numpy(),
+        values["angle_deg"],
+        values["angle_std_deg"],
+        values["flags"],
     )
 
 

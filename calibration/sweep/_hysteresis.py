@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
 from calibration.sweep._outliers import ScaledPoints
 from calibration.sweep._polynomial import PolynomialFit
@@ -116,7 +116,7 @@ def find_hysteresis(
     return Hysteresis(
         width_deg=width,
         std_deg=std,
-        p_value=float(2 * stats.t.sf(abs(width) / std, freedom)),
+        p_value=float(2 * special.stdtr(freedom, -abs(width) / std)),
         degrees_of_freedom=freedom,
         up=tuple(p.name for p, way in zip(used, direction, strict=True) if way > 0),
         down=tuple(p.name for p, way in zip(used, direction, strict=True) if way < 0),
@@ -135,7 +135,7 @@ def _width(scaled: ScaledPoints, fit: PolynomialFit, branch: Floats) -> tuple[fl
     freedom = off.size - design.shape[1]
     chi_square = float(np.sum((off - design @ solution) ** 2))
     width = float(solution[0])
-    if freedom > 0 and stats.chi2.sf(chi_square, freedom) < _SIGNIFICANCE:
+    if freedom > 0 and special.chdtrc(freedom, chi_square) < _SIGNIFICANCE:
         std *= np.sqrt(chi_square / freedom)
         return width, std, float(freedom)
     return width, std, math.inf

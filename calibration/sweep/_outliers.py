@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
 from calibration.sweep._polynomial import fit_polynomial
 
@@ -97,9 +97,9 @@ class _Test(NamedTuple):
         others = np.setdiff1d(np.arange(t.size), out)
         fit = fit_polynomial(t[others], st[others], y[others], sy[others], degree)
         freedom = others.size - degree - 1
-        explained = stats.chi2.sf(fit.chi_square, freedom) >= _SIGNIFICANCE
+        explained = special.chdtrc(freedom, fit.chi_square) >= _SIGNIFICANCE
         tail = _SIGNIFICANCE / (2 * t.size)
-        limit = stats.norm.isf(tail) if explained else stats.t.isf(tail, freedom)
+        limit = -(special.ndtri(tail) if explained else special.stdtrit(freedom, tail))
         scale = 1.0 if explained else np.sqrt(fit.chi_square / freedom)
         powers = t[number] ** np.arange(degree + 1)
         curve = np.sqrt(powers @ fit.covariance @ powers)

@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
 
 from calibration.sweep._file import (
     CurveEntry,
@@ -23,6 +22,7 @@ from calibration.sweep.curve import SweepCurve
 from calibration.sweep.point import SweepPoint
 from calibration.sweep.setup import SweepSetup
 from calibration.sweep.temperatures import TemperatureWeights
+from glint_aoa.coverage import coverage_factor
 from glint_aoa.errors import CalibrationError
 from glint_aoa.setup import Setup
 
@@ -262,8 +262,7 @@ class PitchSweep:
         """
         applied = self.apply(angle_deg, temperature_k=temperature_k)
         std = np.hypot(applied.systematic_std_deg, applied.gain * np.asarray(angle_std_deg))
-        tail = (1 - level) / 2
-        factor = stats.t.isf(tail, self.scatter_freedom)
+        factor = coverage_factor(self.scatter_freedom, level)
         return applied.angle_deg - factor * std, applied.angle_deg + factor * std
 
     def expanded_deg(self, point: SweepPoint) -> tuple[float, float]:

@@ -177,8 +177,8 @@ def _glint(stack: Any, settings: Any, png: Path | None, overwrite: bool) -> dict
         "glint_found": bool(there.any()),
         "glint_rows": [float(rows[there].min()), float(rows[there].max())] if there.any() else None,
         "glint_half_width": result.measurement.shape.half_width if there.any() else None,
-        "angle_deg": float(result.record["angle_deg"][middle]),
-        "angle_std_deg": float(result.record["angle_std_deg"][middle]),
+        "angle_deg": float(result.values["angle_deg"][middle]),
+        "angle_std_deg": float(result.values["angle_std_deg"][middle]),
         "flags": describe(result.flags),
         "picture": png,
     }

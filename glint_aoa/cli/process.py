@@ -114,6 +114,6 @@ def _print(results: "list[PointResult]", out: Path) -> None:
     typer.echo("\nfields: used of recorded; u95: of the mean; std: over the fields")
     typer.echo(f"Wrote {out / '<point>.csv'}, <point>.nc and log.csv")
     for each in results:
-        tell_flags(each.name, each.flags, each.record["flags"].values, "fields")
-        for doubt in filter(None, each.record.attrs.get("calibration_doubts", "").split("; ")):
+        tell_flags(each.name, each.flags, each.values["flags"], "fields")
+        for doubt in filter(None, each.attrs.get("calibration_doubts", "").split("; ")):
             typer.echo(f"{each.name}: {doubt}", err=True)

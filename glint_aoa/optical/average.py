@@ -7,7 +7,6 @@ from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import signal
 
 from glint_aoa.coverage import ONE_SIGMA, coverage_factor, effective_freedom
 from glint_aoa.optical._small_sample import LearntVariance
@@ -249,7 +248,7 @@ def _line_weights(vibration: Vibration, place: NDArray[np.int64]) -> list[_Array
 
 
 def _tapers(length: int) -> list[_Array]:
-    return [signal.windows.kaiser(length, shape) for shape in _KAISER]
+    return [np.kaiser(length, shape) for shape in _KAISER]
 
 
 def _normalised(weight: _Array) -> _Array:

@@ -141,12 +141,8 @@ def measure_prepared(
     FieldAngles
         One entry a field, in order.
     """
-    parts = []
-    for part in _in_threads(stack, measurement, threads or os.cpu_count() or 1):
-        parts.append(part)
-        if progress is not None:
-            progress(part.used.size)
-    lines = FieldSummary.joined(parts)
+    parts = _in_threads(stack, measurement, threads or os.cpu_count() or 1)
+    lines = FieldSummary.joined(_told(parts, progress), stack.n_fields)
     recording = measurement.recording
     angles = _angles(lines, np.arange(stack.n_fields, dtype=np.int64), measurement)
     if stack.times_s is not None:
@@ -157,6 +153,15 @@ def measure_prepared(
     seen = check_sequence(lines, recording, times_s=stack.times_s, displaced=moved)
     seen |= np.where(moved, int(Flag.CAMERA_MOVED), 0)
     return replace(angles, flags=angles.flags | seen)
+
+
+def _told(
+    parts: Iterator[FieldSummary], progress: Callable[[int], None] | None
+) -> Iterator[FieldSummary]:
+    for part in parts:
+        yield part
+        if progress is not None:
+            progress(part.used.size)
 
 
 def _in_threads(

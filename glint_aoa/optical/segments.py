@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg, signal
+from scipy import linalg
 
 from glint_aoa.optical.vibration import fit_vibration, trust_in_noise
 
@@ -62,10 +62,10 @@ def segmented_covariance(angle: _Array, *, noise: float | None = None) -> Segmen
     if whole.size < _LEAST_SEGMENTS:
         vibration = fit_vibration(segments[int(counts.argmax())], noise=noise)
         return SegmentedCovariance(_faded(vibration.covariance), 2 / vibration.uncertainty[0, 0])
-    window = signal.windows.kaiser(_LENGTH, _KAISER_SHAPE)
+    window = np.kaiser(_LENGTH, _KAISER_SHAPE)
     power = np.zeros(_LENGTH + 1)
     for few in np.array_split(whole, 1 + whole.size // _AT_A_TIME):
-        departure = signal.detrend(segments[few]) * window
+        departure = _straightened(segments[few]) * window
         power += (np.abs(np.fft.rfft(departure, 2 * _LENGTH)) ** 2).sum(axis=0)
     power /= whole.size * (window**2).sum()
     slow = float(power[2 * _DRIFT_BINS : 2 * _QUIET_BINS].mean())
@@ -74,11 +74,20 @@ def segmented_covariance(angle: _Array, *, noise: float | None = None) -> Segmen
     return SegmentedCovariance(np.asarray(np.fft.irfft(power)[:_LENGTH], np.float64), dof)
 
 
+def _straightened(segments: _Array) -> _Array:
+    """Take mean and trend out of segments [segment, field]."""
+    place = np.arange(_LENGTH) - (_LENGTH - 1) / 2
+    trend = segments @ place / (place @ place)
+    left: _Array = segments - segments.mean(axis=1, keepdims=True) - trend[:, None] * place
+    return left
+
+
 def _dof(whole: NDArray[np.int64]) -> float:
     """Degrees of freedom of a mean over overlapping segments and the bins that tell the noise."""
     there = np.zeros(int(whole[-1]) + 1)
     there[whole] = 1.0
-    apart = signal.correlate(there, there)[there.size - 1 :]  # pairs of segments, by distance
+    power = np.abs(np.fft.rfft(there, 2 * there.size)) ** 2
+    apart = np.fft.irfft(power, 2 * there.size)[: there.size]  # pairs of segments, by distance
     shared = _shared_power()[: apart.size]
     pairs = apart[: shared.size] * np.where(np.arange(shared.size) == 0, 1.0, 2.0)
     return float(2 * whole.size**2 / (pairs @ shared))
@@ -87,7 +96,7 @@ def _dof(whole: NDArray[np.int64]) -> float:
 @cache
 def _shared_power() -> _Array:
     """Variance that segments of white noise share, by distance in hops; of one bin alone, 1."""
-    window = signal.windows.kaiser(_LENGTH, _KAISER_SHAPE)
+    window = np.kaiser(_LENGTH, _KAISER_SHAPE)
     bins = np.arange(2 * _DRIFT_BINS, 2 * _QUIET_BINS)
     waves = window * np.exp(1j * np.pi / _LENGTH * np.outer(bins, np.arange(_LENGTH)))
     waves /= np.sqrt((window**2).sum())
@@ -111,8 +120,8 @@ def _steadied(variance: float, dof: float, noise: float | None) -> tuple[float, 
 
 def _faded(covariance: _Array) -> _Array:
     """Let a covariance run out within a segment; cut off there, it would be none."""
-    window = signal.windows.kaiser(_LENGTH, _KAISER_SHAPE)
-    fading = signal.correlate(window, window)[_LENGTH - 1 :] / (window @ window)
+    window = np.kaiser(_LENGTH, _KAISER_SHAPE)
+    fading = np.correlate(window, window, "full")[_LENGTH - 1 :] / (window @ window)
     faded: _Array = np.pad(covariance, (0, _LENGTH - covariance.size)) * fading
     return faded
 

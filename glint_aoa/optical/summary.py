@@ -1,5 +1,6 @@
 """What the columns of a field come to: its line, and a few figures that tell of its quality."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from typing import Any, Self
 
@@ -80,11 +81,19 @@ class FieldSummary:
         return cls(**dict(zip((f.name for f in fields(cls)), values, strict=True)))
 
     @classmethod
-    def joined(cls, parts: list[Self]) -> Self:
-        """Join consecutive blocks."""
-        return cls(
-            **{f.name: np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(cls)}
-        )
+    def joined(cls, parts: Iterable[Self], n_fields: int) -> Self:
+        """Join consecutive blocks as they come; no more than one is held beside the whole."""
+        whole: dict[str, Any] = {}
+        start = 0
+        for part in parts:
+            stop = start + part.used.size
+            for f in fields(cls):
+                block = getattr(part, f.name)
+                if not start:
+                    whole[f.name] = np.empty((n_fields, *block.shape[1:]), block.dtype)
+                whole[f.name][start:stop] = block
+            start = stop
+        return cls(**whole)
 
 
 @dataclass(frozen=True, eq=False)

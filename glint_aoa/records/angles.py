@@ -120,8 +120,19 @@ def check_new_results(folder: Path, name: str) -> None:
     check_new(result_files(folder, name))
 
 
-def write_results(folder: Path, name: str, record: "xr.Dataset") -> None:
+def write_results(
+    folder: Path, name: str, values: Mapping[str, NDArray[Any]], attrs: Mapping[str, Any]
+) -> None:
     """Write ``<name>.csv`` and ``<name>.nc``.
+
+    Parameters
+    ----------
+    folder : Path
+        Where; made if it is not there.
+    name : str
+        Name of the point's files.
+    values, attrs : mapping
+        As for `angle_record`.
 
     Raises
     ------
@@ -129,10 +140,14 @@ def write_results(folder: Path, name: str, record: "xr.Dataset") -> None:
         If the folder cannot be made or written to.
     """
     make_folder(folder)
-    columns = {column: record[column].to_numpy() for column in FIELD_COLUMNS}
     table, netcdf = result_files(folder, name)
-    write_csv(table, columns, formats=_FORMATS)
-    write_netcdf(netcdf, record)
+    write_csv(table, {column: values[column] for column in FIELD_COLUMNS}, formats=_FORMATS)
+    described = {
+        column: {"units": unit, "long_name": meaning}
+        for column, (unit, meaning) in _UNITS_AND_MEANING.items()
+    }
+    columns = {column: values[column] for column in described}
+    write_netcdf(netcdf, columns, attrs=attrs, column_attrs=described)
 
 
 def log_result(folder: Path, row: Mapping[str, object]) -> None:

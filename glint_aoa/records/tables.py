@@ -9,7 +9,7 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,12 +17,9 @@ from numpy.typing import NDArray
 from glint_aoa.errors import InputError, OutputError
 from glint_aoa.records._files import replacing
 
-if TYPE_CHECKING:
-    import xarray as xr
-
 __all__ = ["append_log", "read_csv", "write_csv", "write_netcdf"]
 
-_NOTHING: Mapping[str, str] = {}
+_NOTHING: Mapping[str, Any] = {}
 
 
 _ROWS_AT_A_TIME = 10_000
@@ -154,24 +151,44 @@ def append_log(path: str | Path, row: Mapping[str, object], columns: Sequence[st
         ) from error
 
 
-def write_netcdf(path: str | Path, dataset: "xr.Dataset") -> None:
-    """Write a dataset as NetCDF 4; the file appears, or replaces one, only when it is whole.
+def write_netcdf(
+    path: str | Path,
+    columns: Mapping[str, NDArray[Any]],
+    *,
+    attrs: Mapping[str, Any] = _NOTHING,
+    column_attrs: Mapping[str, Mapping[str, Any]] = _NOTHING,
+) -> None:
+    """Write a table as NetCDF 4; the file appears, or replaces one, only when it is whole.
 
     Parameters
     ----------
     path : str or Path
         The file.
-    dataset : Dataset
-        What to write, attributes included.
+    columns : mapping of str to ndarray [row]
+        Columns by name, all of one length; the first is the rows' coordinate and names them.
+    attrs : mapping of str to str, number or list of numbers, optional
+        Attributes of the whole.
+    column_attrs : mapping of str to mapping, optional
+        Attributes of the columns, such as units.
 
     Raises
     ------
     OutputError
         If the file cannot be written.
     """
+    import netCDF4  # noqa: PLC0415  slow to import
+
+    rows, first = next(iter(columns.items()))
     with replacing(Path(path)) as temporary:
         try:
-            dataset.to_netcdf(temporary, engine="netcdf4")
+            with netCDF4.Dataset(temporary, "w") as file:
+                file.setncatts(attrs)
+                file.createDimension(rows, len(first))
+                for name, values in columns.items():
+                    missing = np.nan if values.dtype.kind == "f" else None
+                    column = file.createVariable(name, values.dtype, (rows,), fill_value=missing)
+                    column.setncatts(column_attrs.get(name, {}))
+                    column[:] = values
         except RuntimeError as error:  # how the library speaks of a full disk
             raise OSError(str(error)) from error
 

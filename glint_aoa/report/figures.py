@@ -187,8 +187,8 @@ def measured_field(stack: FieldStack, result: PointResult, number: int) -> Figur
     centres, fit = fit_fields(field, angles.field[[number]], how)
     height = fit.intercept[0] + fit.slope[0] * along
     u, v = plane.to_pixels(along, height)
-    angle = result.record["angle_deg"][number]
-    u95 = coverage_factor() * result.record["angle_std_deg"][number]
+    angle = result.values["angle_deg"][number]
+    u95 = coverage_factor() * result.values["angle_std_deg"][number]
     pitch = plane.pixel_pitch
     return field_with_line(
         field[0],
