@@ -45,6 +45,7 @@ coverage: $(VENV)/installed-dev
 torture: $(VENV)/installed-dev
 	$(BIN)/python -m torture
 	$(BIN)/python -m torture.kills
+	$(BIN)/python -m torture.long
 
 fuzz: $(VENV)/installed-dev
 	$(BIN)/python -m fuzz

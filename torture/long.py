@@ -13,7 +13,7 @@ import numpy as np
 __all__ = ["main", "measure_long", "write_long"]
 
 GIGABYTES = 20.0
-MOST_MB = 300.0
+MOST_MB = 350.0
 _SHAPE = (92, 752)
 _OWN = 256  # fields that are repeated
 _SETUP = """

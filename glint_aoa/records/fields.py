@@ -15,7 +15,7 @@ from glint_aoa.errors import RecordingError
 
 __all__ = ["FieldInfo", "FieldStack", "checked_shape"]
 
-BLOCK_BYTES = 16_000_000
+BLOCK_BYTES = 8_000_000
 """How much one block of fields takes, at most, unless a single field is larger [bytes]."""
 
 MAX_FIELD_BYTES = 1 << 27
@@ -286,7 +286,7 @@ class FieldStack:
         Parameters
         ----------
         size : int, optional
-            Fields in a block; by default as many as fit 16 MB.
+            Fields in a block; by default as many as fit 8 MB.
 
         Yields
         ------
