@@ -19,7 +19,8 @@ from glint_aoa.process import process_point
 from glint_aoa.records.acquisition import AcquisitionRecord
 from glint_aoa.records.angles import check_new_results
 from glint_aoa.records.conditioning import prepared
-from glint_aoa.records.formats import open_acquisition, open_fields
+from glint_aoa.records.formats import HDF5_SUFFIXES, open_acquisition, open_fields
+from glint_aoa.records.formats.hdf5 import read_meta
 from glint_aoa.setup import Setup
 
 __all__ = ["calibrate_sweep", "check_sweep", "compare_points"]
@@ -134,8 +135,9 @@ def compare_points(
 ) -> list[BenchmarkPoint]:
     """Process recorded points and hold their optical angles beside the inertial ones.
 
-    Points of a sweep, a run whose nominal angle changes, are left out. What can be known to fail
-    is looked for in all points before the first one is measured.
+    Points of a sweep, a run whose nominal angle changes, are left out, and so are single records,
+    whose description says ``run_kind`` record. What can be known to fail is looked for in all
+    points before the first one is measured.
 
     Parameters
     ----------
@@ -160,14 +162,17 @@ def compare_points(
     ------
     InputError
         If a recording or the setup cannot be used, a run does not start and end with the shaker
-        off, or all points are of sweeps.
+        off, or all points are of sweeps or single records.
     """
-    told = {Path(path): _announced(Path(path), open_fields(path).meta) for path in paths}
+    of_runs = [path for path in map(Path, paths) if not _is_record(path)]
+    if paths and not of_runs:
+        raise InputError("all points are single records; give the points of runs at one angle")
+    told = {path: _announced(path, open_fields(path).meta) for path in of_runs}
     sweeps = _sweeps(told.values())
     in_runs = {path: point for path, point in told.items() if point.run not in sweeps}
     _check_before(in_runs, sweeps, setup, None if overwrite else Path(out))
     compared = []
-    for path in told:
+    for path in map(Path, paths):
         if path in in_runs:
             compared.append(
                 _compare_point(path, in_runs[path], setup, Path(out), overwrite=overwrite)
@@ -175,6 +180,13 @@ def compare_points(
         if progress is not None:
             progress(path)
     return compared
+
+
+def _is_record(path: Path) -> bool:
+    """Whether a file is a single record, which may hold no fields."""
+    if path.suffix.lower() not in HDF5_SUFFIXES:
+        return False
+    return read_meta(path).get("run_kind") == "record"
 
 
 def _sweeps(points: Iterable[BenchmarkPoint]) -> set[str]:

@@ -10,7 +10,7 @@ along -x (aft); yaw moment about +z (nose to port), pitch moment about -y (nose 
 about +x (starboard side down), all about the balance moment centre.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from glint_aoa.records.acquisition import Channel
 from glint_aoa.units import STANDARD_GRAVITY
-from render_sim.excitation import Tones
 from render_sim.kinematics import BodyKinematics, body_kinematics
+from render_sim.modal_motion import Signal
 from render_sim.modes import ModelSystem, Plane
 from render_sim.motion import Motion
 from render_sim.package import InertialPackage, PackageOutputs, package_outputs
@@ -143,8 +143,7 @@ def acquire(
     motion: Motion,
     static: Motion,
     *,
-    force: Tones | None = None,
-    plane: Plane | None = None,
+    forces: Mapping[Plane, Signal] | None = None,
     recording: Recording | None = None,
     rng: np.random.Generator,
 ) -> Acquisition:
@@ -158,10 +157,9 @@ def acquire(
         The moving model.
     static : Motion
         The model without vibration; its pitch at the trigger is the truth.
-    force : Tones, optional
-        The shaker's force [N]; none with the shaker off.
-    plane : "yaw" or "pitch", optional
-        Plane of the force: along model +y or +z.
+    forces : mapping of "yaw" or "pitch" to Signal, optional
+        The shaker's force [N] along model +y (yaw) or +z (pitch); none with the shaker off. Where
+        both planes are driven, the shaker's channel records the first.
     recording : Recording, optional
         Length, rate and package.
     rng : Generator
@@ -172,7 +170,7 @@ def acquire(
     Acquisition
         28 channels in record order, and the truth at the same samples.
     """
-    recording = recording or Recording()
+    recording, forces = recording or Recording(), forces or {}
     rate = recording.rate_hz * recording.oversampling
     lead = round(recording.package.settling_s * recording.rate_hz) * recording.oversampling
     record = _samples(recording) * recording.oversampling
@@ -187,7 +185,15 @@ def acquire(
         rate_hz=rate,
         package=recording.package,
     )
-    fine = _sensor_signals(system, body, outputs, rest_up=up, push=_push(force, plane, body.time_s))
+    plane = next(iter(forces), None)
+    fine = _sensor_signals(
+        system,
+        body,
+        outputs,
+        rest_up=up,
+        push=_push(forces, body.time_s),
+        driven=_ALONG[plane or "yaw"],
+    )
     sampled = {name: _decimate(signal, lead, recording) for name, signal in fine.items()}
     truth = _truth(sampled["aoa_filtered"], rest_pitch_rad=float(np.arcsin(up[0])))
     sensors = _sensors(system, plane)
@@ -254,10 +260,14 @@ def _along_x_cross(station_m: float, force: Floats) -> Floats:
     return station_m * np.stack([np.zeros(len(force)), -force[:, 2], force[:, 1]], axis=-1)
 
 
-def _push(force: Tones | None, plane: Plane | None, time_s: Floats) -> Floats:
+_ALONG: dict[Plane, int] = {"yaw": 1, "pitch": 2}
+"""Model axis along which the shaker drives a plane."""
+
+
+def _push(forces: Mapping[Plane, Signal], time_s: Floats) -> Floats:
     push = np.zeros((time_s.size, 3))
-    if force is not None:
-        push[:, 1 if plane == "yaw" else 2] = force.at(time_s)
+    for plane, force in forces.items():
+        push[:, _ALONG[plane]] = force.at(time_s)
     return push
 
 
@@ -268,12 +278,13 @@ def _sensor_signals(
     *,
     rest_up: Floats,
     push: Floats,
+    driven: int,
 ) -> dict[str, Floats]:
     signals = {
         "aoa_unfiltered": outputs.unfiltered,
         "aoa_filtered": outputs.filtered,
         **balance_loads(system, body, rest_up=rest_up, push=push),
-        "shaker": push.sum(axis=1) / _NEWTONS_PER_VOLT,
+        "shaker": push[:, driven] / _NEWTONS_PER_VOLT,
         "aux_aoa": np.rad2deg(np.arcsin(body.rotation[:, 2, 0])),
         "force_y": push[:, 1],
         "force_z": push[:, 2],

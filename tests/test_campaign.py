@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from glint_aoa.errors import OutputError, SetupError
-from glint_aoa.records.formats.hdf5 import open_hdf5, read_acquisition, read_truth
+from glint_aoa.records.formats.hdf5 import (
+    has_fields,
+    open_hdf5,
+    read_acquisition,
+    read_truth,
+)
+from glint_aoa.records.points import write_point
 from render_sim.campaign import (
     Campaign,
     load_campaign,
@@ -46,6 +52,23 @@ moments = ["3000 in*lbf"]
 """
 
 
+RECORD = """
+[[record]]
+name = "stop"
+angle = "-0.3 deg"
+yaw = "2 deg"
+duration = "1 s"
+n_fields = 3
+window = [133, 20]
+[record.excitation]
+kind = "sine"
+plane = "yaw"
+frequency = "9.8 Hz"
+moments = ["2000 in*lbf"]
+shaker_off = "0.4 s"
+"""
+
+
 @pytest.fixture
 def small(tmp_path: Path) -> Campaign:
     path = tmp_path / "small.toml"
@@ -58,19 +81,18 @@ class FlatRenderer:
 
     name = "flat"
 
+    def __init__(self, rows=92):
+        self.rows = rows
+
     def radiance(self, poses, *, parity=0):
-        return np.full((len(poses), 92, 752), 50.0)
+        return np.full((len(poses), self.rows, 752), 50.0)
 
 
 def test_paper_has_its_numbers_of_points():
     campaign = load_campaign("paper")
-    planes = Counter(p.series.plane for p in campaign.points if p.series is not None)
-    assert planes == {"yaw": 49, "pitch": 42}
-    yaw_angles = {
-        round(np.rad2deg(p.angle_rad), 6)
-        for p in campaign.points
-        if p.series is not None and p.series.plane == "yaw"
-    }
+    driven = [p for p in campaign.points if p.run_kind == "dynamic" and p.series is not None]
+    assert Counter(p.series.plane for p in driven) == {"yaw": 49, "pitch": 42}
+    yaw_angles = {round(np.rad2deg(p.angle_rad), 6) for p in driven if p.series.plane == "yaw"}
     assert yaw_angles == {0.0, 4.3, 6.0}
 
 
@@ -116,7 +138,7 @@ def test_point_names_are_in_order(small):
 def test_level_is_the_peak_to_peak_moment_over_the_record():
     campaign = load_campaign("demo")
     point = next(p for p in campaign.points if p.series and p.series.kind == "random")
-    force = point_motion(campaign, point, seed=5).force
+    force = point_motion(campaign, point, seed=5).forces["pitch"]
     angles = modal_angles(campaign.model, force, "pitch")
     moment = balance_moment(campaign.model, force, angles)
     assert peak_to_peak(moment, duration_s=8.0) == pytest.approx(point.moment_n_m, rel=1e-9)
@@ -170,7 +192,9 @@ def test_points_do_not_depend_on_each_other(small):
 
 def test_seed_changes_the_phases(small):
     point = small.points[4]
-    forces = [point_motion(small, point, seed=seed).force.amplitude[0] for seed in (0, 0, 1)]
+    forces = [
+        point_motion(small, point, seed=seed).forces["yaw"].amplitude[0] for seed in (0, 0, 1)
+    ]
     assert forces[0] == forces[1]
     assert abs(forces[0] - forces[2]) > 1e-6
 
@@ -193,6 +217,7 @@ def test_simulated_point_is_whole(small):
         "excitation_kind": "sine",
         "nominal_moment_in_lb": pytest.approx(3000),
         "nominal_angle_deg": pytest.approx(4.3),
+        "nominal_yaw_deg": 0.0,
         "tunnel_temperature_K": 294.0,
         "versions": versions,
         "seed": 2,
@@ -226,7 +251,9 @@ def test_film_and_acquisition_share_the_motion(small):
 
 @pytest.fixture
 def flat(monkeypatch):
-    monkeypatch.setattr("render_sim.campaign.make_renderer", lambda *_: FlatRenderer())
+    monkeypatch.setattr(
+        "render_sim.campaign.make_renderer", lambda scene, _: FlatRenderer(scene.sensor.rows)
+    )
     from render_sim.campaign import _renderer
 
     _renderer.cache_clear()
@@ -321,7 +348,7 @@ def test_processes_change_no_bit(tmp_path):
         (
             'frequency = "9.8 Hz"',
             "",
-            "run[0].series[0]: give frequency for a sine or modulated sine, and none for random",
+            "run[0].series[0]: sine needs a frequency, such as frequency = '9.8 Hz'",
         ),
         (
             "3000 in*lbf",
@@ -329,7 +356,11 @@ def test_processes_change_no_bit(tmp_path):
             "run[0].series[0].moments[0]: '3000 in' is not a quantity in N*m",
         ),
         ("3000 in*lbf", "-5 N*m", "run[0].series[0].moments[0]: -5 must be greater"),
-        ('name = "yaw"', 'name = "sweep"', "two points are called sweep-01; rename a run"),
+        (
+            'name = "yaw"',
+            'name = "sweep"',
+            "two points are called sweep-01; rename a run or record",
+        ),
         ('name = "yaw"', 'name = "../yaw"', "run[0].name: String should match pattern"),
         ("points = 3", "points = 1", "sweep[0].points: Input should be greater than or equal to 2"),
     ],
@@ -345,9 +376,143 @@ def test_wrong_campaign_is_one_sentence_that_names_the_key(tmp_path, old, new, m
 def test_empty_campaign(tmp_path):
     path = tmp_path / "empty.toml"
     path.write_text('name = "empty"\nstart = 2026-01-12T08:00:00\n')
-    expected = f"{path}: no points; give at least one [[run]] or [[sweep]]"
+    expected = f"{path}: no points; give at least one [[run]], [[sweep]] or [[record]]"
     with pytest.raises(SetupError, match=f"^{re.escape(expected)}$"):
         load_campaign(path)
+
+
+@pytest.fixture
+def with_record(tmp_path: Path) -> Campaign:
+    path = tmp_path / "small.toml"
+    path.write_text(SMALL + RECORD)
+    return load_campaign(path)
+
+
+def test_a_record_has_length_window_and_attitude_of_its_own(with_record):
+    point = with_record.points[-1]
+    recorded = simulate_point(with_record, point, renderer=FlatRenderer(rows=20), seed=2)
+    assert recorded.fields.shape == (3, 20, 752)
+    assert recorded.info.first_line == 133
+    assert len(recorded.acquisition["ay_face"]) == 800
+    assert recorded.truth["static_pitch_deg"][0] == pytest.approx(-0.3, abs=0.02)
+    assert recorded.truth["yaw_deg"] == pytest.approx(2, abs=0.3)
+    assert {key: recorded.meta[key] for key in ("run", "run_kind", "point", "shaker_off_s")} == {
+        "run": "stop",
+        "run_kind": "record",
+        "point": "stop",
+        "shaker_off_s": 0.4,
+    }
+    assert recorded.meta["nominal_yaw_deg"] == pytest.approx(2)
+    assert recorded.meta["excitation"] == "yaw sine 9.8 Hz, off at 0.4 s"
+
+
+def test_a_record_may_have_no_fields(with_record, tmp_path):
+    (record,) = with_record.record
+    plan = with_record.model_copy(
+        update={"record": (record.model_copy(update={"n_fields": 0, "window": None}),)}
+    )
+    recorded = simulate_point(plan, plan.points[-1], renderer=FlatRenderer(), seed=2)
+    write_point(tmp_path / "stop.h5", recorded)
+    assert not has_fields(tmp_path / "stop.h5")
+    assert set(read_truth(tmp_path / "stop.h5")) == {"static_pitch_deg", "bias_deg"}
+    found = read_acquisition(tmp_path / "stop.h5")
+    assert found.meta["trigger_time"] == "2026-01-12T08:30:00"
+
+
+def test_the_shaker_is_silent_once_it_is_off(with_record):
+    record = point_acquisition(with_record, with_record.points[-1], seed=2)
+    force = record.channels["analyser_force_y"].values("N")
+    assert np.ptp(force[:310]) > 5
+    assert np.abs(force[330:]).max() < 0.1
+
+
+def test_the_level_is_that_while_the_shaker_is_on(with_record):
+    moment = point_acquisition(with_record, with_record.points[-1], seed=2).channels["yaw_moment"]
+    assert np.ptp(moment.values("in*lbf")[:310]) == pytest.approx(2000, rel=5e-3)
+
+
+@pytest.mark.usefixtures("flat")
+def test_records_are_gone_on_with_as_well(with_record, tmp_path):
+    first = list(simulate_campaign(with_record, tmp_path / "out", seed=1))
+    before = [path.read_bytes() for path in first]
+    first[-1].unlink()
+    again = list(simulate_campaign(with_record, tmp_path / "out", seed=1, resume=True))
+    assert again == first
+    assert [path.read_bytes() for path in again] == before
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (
+            'shaker_off = "0.4 s"',
+            'shaker_off = "1 s"',
+            "stop: shaker_off at 1 s is not within the record of 1 s; "
+            "give an earlier time or a longer duration",
+        ),
+        (
+            '["2000 in*lbf"]',
+            '["1 N*m", "2 N*m"]',
+            "record[0]: a record has one level, excitation.moments 2; make it one record each",
+        ),
+        (
+            "n_fields = 3",
+            "n_fields = 0",
+            "record[0]: window without fields; leave it out or give n_fields",
+        ),
+        ('name = "stop"', 'name = "yaw"', "a record is called yaw like a run; rename it"),
+        (
+            'name = "stop"',
+            'name = "yaw-02"',
+            "two points are called yaw-02; rename a run or record",
+        ),
+        (
+            'frequency = "9.8 Hz"\nmoments = ["2000',
+            'frequency = "400 Hz"\nmoments = ["2000',
+            "record[0].excitation: 400 Hz is not below 400 Hz, half the acquisition's rate; "
+            "lower it",
+        ),
+        (
+            'frequency = "9.8 Hz"\nmoments = ["2000',
+            'frequency = "9.8 Hz"\nband = ["5 Hz", "60 Hz"]\nmoments = ["2000',
+            "record[0].excitation: band is not of kind sine, which has frequency",
+        ),
+        (
+            'kind = "sine"\nplane = "yaw"\nfrequency = "9.8 Hz"\nmoments = ["2000',
+            'kind = "random"\nplane = "yaw"\nband = ["60 Hz", "5 Hz"]\nmoments = ["2000',
+            "record[0].excitation: band is empty; give its lower end, then its upper",
+        ),
+        (
+            'kind = "sine"\nplane = "yaw"\nfrequency = "9.8 Hz"\nmoments = ["2000',
+            'kind = "sine sweep"\nplane = "yaw"\nsweep_time = "3 s"\nmoments = ["2000',
+            "stop: sweep_time of 3 s does not fit in the record of 1 s; "
+            "shorten it or give a longer duration",
+        ),
+        (
+            'shaker_off = "0.4 s"',
+            '[record.excitation.other_plane]\nkind = "random"\nmoments = ["1 N*m", "2 N*m"]',
+            "record[0].excitation: other_plane has 2 moments, the series 1; give as many",
+        ),
+    ],
+)
+def test_impossible_record_is_one_sentence(tmp_path, old, new, message):
+    path = tmp_path / "campaign.toml"
+    text = SMALL + RECORD
+    changed = new.join(text.rsplit(old, 1))
+    assert changed != text
+    path.write_text(changed)
+    with pytest.raises(SetupError, match=f"^{re.escape(f'{path}: {message}')}$"):
+        load_campaign(path)
+
+
+def test_the_papers_records_show_its_figures():
+    records = {p.name: p for p in load_campaign("paper").points if p.run_kind == "record"}
+    off = [p for p in records.values() if p.series.shaker_off]
+    assert [p.series.frequency for p in off] == [9.8, 19.5, 29.8]
+    assert all(p.duration_s >= 2 * p.series.shaker_off for p in off)
+    assert all(records[name].duration_s >= 85 for name in records if "regression" in name)
+    filmed = [p for p in records.values() if p.n_fields]
+    assert [(p.n_fields, p.window[1]) for p in filmed] == [(276, 20)] * 2  # 4.6 s
 
 
 def test_unknown_campaign_names_the_choices():

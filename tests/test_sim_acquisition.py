@@ -53,7 +53,7 @@ def still():
 @pytest.fixture(scope="module")
 def yawing():
     force, motion = _driven("yaw", 9.8, 5000)
-    return acquire(SYSTEM, motion, STATIC, force=force, plane="yaw", recording=SHORT, rng=_rng())
+    return acquire(SYSTEM, motion, STATIC, forces={"yaw": force}, recording=SHORT, rng=_rng())
 
 
 def test_twelve_channels_then_sixteen_of_the_analyser(still):
@@ -148,7 +148,7 @@ def test_samples_lie_at_their_times(yawing):
 def test_record_may_start_before_the_trigger(yawing):
     force, motion = _driven("yaw", 9.8, 5000)
     early = Recording(duration_s=1.0, start_s=-0.5)
-    record = acquire(SYSTEM, motion, STATIC, force=force, plane="yaw", recording=early, rng=_rng())
+    record = acquire(SYSTEM, motion, STATIC, forces={"yaw": force}, recording=early, rng=_rng())
     later = yawing.channels["ay_face"].values("m/s^2")[:400]
     channel = record.channels["ay_face"]
     assert channel.start_s == -0.5
@@ -162,7 +162,7 @@ def test_bias_has_settled_when_the_record_starts(yawing):
 
 def test_accelerations_beyond_the_range_are_clipped_at_the_limits():
     force, motion = _driven("yaw", 9.8, 40_000)
-    record = acquire(SYSTEM, motion, STATIC, force=force, plane="yaw", recording=SHORT, rng=_rng())
+    record = acquire(SYSTEM, motion, STATIC, forces={"yaw": force}, recording=SHORT, rng=_rng())
     channel = record.channels["ay_face"]
     assert channel.clipped.any()
     assert not channel.clipped.all()
@@ -222,9 +222,7 @@ def _tones():
 def test_shaker_channel_tells_the_plane():
     force, motion = _driven("pitch", 9.2, 2000)
     brief = replace(SHORT, duration_s=0.5)
-    record = acquire(
-        SYSTEM, motion, STATIC, force=force, plane="pitch", recording=brief, rng=_rng()
-    )
+    record = acquire(SYSTEM, motion, STATIC, forces={"pitch": force}, recording=brief, rng=_rng())
     channels = record.channels
     assert channels["shaker"].axis == "+z"
     drive = np.ptp(channels["analyser_force_z"].values("N"))

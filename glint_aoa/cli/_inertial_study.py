@@ -8,7 +8,7 @@ from glint_aoa.inertial_benchmark import StudyRecord
 from glint_aoa.records.acquisition import AcquisitionRecord
 from glint_aoa.units import convert
 from render_sim.acquisition import Recording, acquire
-from render_sim.decay import ShutOff
+from render_sim.decay import ShutOff, UntilOff
 from render_sim.excitation import Tones, modulated_sine, peak_to_peak, random_band, sine
 from render_sim.modal_motion import ModalMotion
 from render_sim.modes import ModelSystem, balance_moment, modal_angles, paper_model_system
@@ -138,8 +138,7 @@ def _acquired(
         system,
         motion,
         static,
-        force=force if off_s is None else None,
-        plane=plane,
+        forces={plane: force if off_s is None else UntilOff(force, off_s)},
         recording=recording,
         rng=rng,
     )

@@ -179,8 +179,7 @@ def study_record(
         system,
         motion,
         static,
-        force=force,
-        plane=plane,
+        forces={plane: force},
         recording=Recording(duration_s=duration_s, oversampling=_OVERSAMPLING),
         rng=rng,
     )
