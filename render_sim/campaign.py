@@ -34,7 +34,7 @@ from render_sim.drive import Drive
 from render_sim.excitation import Tones, peak_to_peak
 from render_sim.film import film
 from render_sim.modal_motion import ModalMotion, Signal
-from render_sim.modes import Plane, balance_moment, modal_angles
+from render_sim.modes import Plane, balance_moment, joint_angles, modal_angles
 from render_sim.motion import Motion, StaticMotion
 from render_sim.renderer import Renderer, make_renderer
 from render_sim.scene import Scene
@@ -105,7 +105,7 @@ def point_motion(
     if point.series is None:
         return PointMotion(static, static)
     forces = _forces(campaign, point, _streams(point, seed).force)
-    angles = [pair for plane, force in forces.items() for pair in modal_angles(model, force, plane)]
+    angles = joint_angles(model, forces)
     off = point.series.shaker_off
     if off is None:
         return PointMotion(ModalMotion(static, model, angles), static, forces)
@@ -131,7 +131,7 @@ def _at_level(
 ) -> Tones:
     model = campaign.model
     unit = drive.force(rng, duration_s=point.duration_s)
-    moment = balance_moment(model, unit, modal_angles(model, unit, plane))
+    moment = balance_moment(model, unit, modal_angles(model, unit, plane), plane)
     shaken_s = (point.series and point.series.shaker_off) or point.duration_s
     level = drive.moments[point.level]
     return unit.scaled(level / peak_to_peak(moment, duration_s=shaken_s))

@@ -140,7 +140,7 @@ def test_level_is_the_peak_to_peak_moment_over_the_record():
     point = next(p for p in campaign.points if p.series and p.series.kind == "random")
     force = point_motion(campaign, point, seed=5).forces["pitch"]
     angles = modal_angles(campaign.model, force, "pitch")
-    moment = balance_moment(campaign.model, force, angles)
+    moment = balance_moment(campaign.model, force, angles, "pitch")
     assert peak_to_peak(moment, duration_s=8.0) == pytest.approx(point.moment_n_m, rel=1e-9)
 
 

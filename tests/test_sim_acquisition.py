@@ -40,7 +40,7 @@ def _rng():
 
 def _driven(plane, frequency_hz, moment_in_lb):
     force = Tones(np.array([frequency_hz]), np.array([1.0 + 0j]))
-    moment = balance_moment(SYSTEM, force, modal_angles(SYSTEM, force, plane))
+    moment = balance_moment(SYSTEM, force, modal_angles(SYSTEM, force, plane), plane)
     force = force.scaled(moment_in_lb * IN_LB / (2 * abs(moment.amplitude[0])))
     return force, ModalMotion(STATIC, SYSTEM, modal_angles(SYSTEM, force, plane))
 

@@ -64,7 +64,7 @@ def test_inertias_follow_from_the_parallel_axis_theorem():
     mode = system.modes_in("pitch")[0]
     arm = system.center_of_gravity - system.fixed_point(mode)
     assert system.modal_inertia(mode) == pytest.approx(10.2 + 75 * arm**2)
-    assert system.balance_inertia(mode) == pytest.approx(10.2 + 75 * 0.334 * arm)
+    assert system.balance_inertia(mode, "pitch") == pytest.approx(10.2 + 75 * 0.334 * arm)
 
 
 @pytest.mark.parametrize("plane", ["yaw", "pitch"])
@@ -101,7 +101,7 @@ def test_answer_satisfies_the_equation_of_motion():
 
 
 def test_balance_feels_the_shaker_alone_when_nothing_moves():
-    moment = balance_moment(paper_model_system(), _tone(9.8, 2.0), [])
+    moment = balance_moment(paper_model_system(), _tone(9.8, 2.0), [], "yaw")
     assert moment.amplitude[0] == pytest.approx(2.0 * 36 * 0.0254)
 
 
@@ -110,7 +110,7 @@ def test_largest_first_mode_moment_gives_the_bias_of_the_paper():
     system = paper_model_system()
     force = _tone(9.8)
     mode, angle = modal_angles(system, force, "yaw")[0]
-    moment = balance_moment(system, force, modal_angles(system, force, "yaw"))
+    moment = balance_moment(system, force, modal_angles(system, force, "yaw"), "yaw")
     level = 5000 * 0.112984829 / (2 * abs(moment.amplitude[0]))
     speed = level * abs(angle.derivative().amplitude[0]) * mode.radius
     assert np.rad2deg(speed**2 / (2 * mode.radius * 9.80665)) == pytest.approx(0.19, abs=0.01)

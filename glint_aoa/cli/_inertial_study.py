@@ -106,7 +106,7 @@ def _recorded(
 ) -> StudyRecord:
     """Scale a shaker signal to a balance moment, peak to peak, and record it."""
     system = paper_model_system()
-    moment = balance_moment(system, shape, modal_angles(system, shape, plane))
+    moment = balance_moment(system, shape, modal_angles(system, shape, plane), plane)
     level = moment_in_lb * _IN_LB / peak_to_peak(moment, duration_s=duration_s)
     length = duration_s if off_s is None else 2 * off_s
     name = f"{plane}-{moment_in_lb:.0f}"
