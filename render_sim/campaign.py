@@ -130,7 +130,7 @@ def _at_level(
     campaign: Campaign, point: Point, drive: Drive, plane: Plane, rng: np.random.Generator
 ) -> Tones:
     model = campaign.model
-    unit = drive.force(rng, duration_s=point.duration_s)
+    unit = drive.force(rng, duration_s=point.duration_s, lead_s=campaign.package.settling_s)
     moment = balance_moment(model, unit, modal_angles(model, unit, plane), plane)
     shaken_s = (point.series and point.series.shaker_off) or point.duration_s
     level = drive.moments[point.level]
@@ -150,7 +150,11 @@ def _acquire(campaign: Campaign, point: Point, moved: PointMotion, seed: int) ->
         moved.motion,
         moved.static,
         forces=moved.forces,
-        recording=Recording(duration_s=point.duration_s),
+        recording=Recording(
+            duration_s=point.duration_s,
+            package=campaign.package.later(point.order * campaign.interval),
+            errors=campaign.sensor,
+        ),
         rng=_streams(point, seed).acquisition,
     )
 

@@ -18,7 +18,9 @@ from pydantic import Field, model_validator
 from glint_aoa.errors import SetupError
 from glint_aoa.setup import Section, load_section, positive, quantity
 from render_sim.drive import Series
+from render_sim.instruments import SensorErrors
 from render_sim.modes import ModelSystem, paper_model_system
+from render_sim.package import InertialPackage
 from render_sim.scene import Scene, load_scene, paper_scene
 
 __all__ = [
@@ -169,6 +171,10 @@ class Campaign(Section):
     scene: Path | None = Field(
         None, description="scene file, relative to this one; the paper's if not given"
     )
+    package: InertialPackage = Field(
+        default_factory=InertialPackage, description="the inertial package; ideal by default"
+    )
+    sensor: tuple[SensorErrors, ...] = Field((), description="what is wrong with single sensors")
     sweep: tuple[Sweep, ...] = Field((), description="pitch sweeps, taken first")
     run: tuple[Run, ...] = Field((), description="the runs")
     record: tuple[Record, ...] = Field((), description="single points, taken last")

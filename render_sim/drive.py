@@ -95,24 +95,24 @@ class Drive(Section):
         at = f" at {self.modulation:g} Hz" if self.kind == "modulated sine" else ""
         return f"{self.kind} {self.frequency:g} Hz{at}"
 
-    def force(self, rng: np.random.Generator, *, duration_s: float) -> Tones:
+    def force(self, rng: np.random.Generator, *, duration_s: float, lead_s: float) -> Tones:
         """Return the shaker's force at unit level, its phases drawn from `rng`.
 
         Parameters
         ----------
         rng : Generator
             Source of the phases.
-        duration_s : float
-            Length of the record [s], in which nothing repeats.
+        duration_s, lead_s : float
+            Length of the record and of what is needed ahead of it [s]; nothing repeats in either.
         """
         if self.kind == "random":
-            return random_band(*self.band, period_s=period_beyond(duration_s), rng=rng)
+            return random_band(*self.band, period_s=period_beyond(duration_s + lead_s), rng=rng)
         if self.frequency is None:
             return sine_sweep(
                 *self.band,
                 law=self.law,
                 time_s=self.sweep_time or duration_s,
-                period_s=period_beyond(duration_s + _REST_S),
+                period_s=period_beyond(duration_s + lead_s + _REST_S),
                 rng=rng,
             )
         if self.kind == "sine":

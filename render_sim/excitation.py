@@ -23,7 +23,6 @@ __all__ = [
 ]
 
 _SHORTEST_PERIOD_S = 64.0
-_LEAD_S = 10.0  # ahead of the trigger, in which the package's filter settles
 _FADE = 0.05  # of a sine sweep's time, at each end
 
 _DIRECT_BLOCK = 2_000_000
@@ -167,9 +166,9 @@ def modulated_sine(
 
 
 def period_beyond(duration_s: float) -> float:
-    """Return a period [s], 64 s or twice, four times ... that, longer than a record and lead-in."""
+    """Return a period [s] longer than a duration [s]: 64 s or twice, four times ... that."""
     period = _SHORTEST_PERIOD_S
-    while period < duration_s + _LEAD_S:
+    while period <= duration_s:
         period *= 2
     return period
 
