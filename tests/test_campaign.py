@@ -505,6 +505,77 @@ def test_impossible_record_is_one_sentence(tmp_path, old, new, message):
         load_campaign(path)
 
 
+WRONG = """
+[package]
+scale = 1.004
+temperature = "344.261 K"
+warming = "6 K / hour"
+scale_per_kelvin = "1e-3 / K"
+"""
+
+
+def test_the_packages_errors_are_in_the_file_and_its_temperature_beside_them(tmp_path):
+    (tmp_path / "wrong.toml").write_text(SMALL + WRONG)
+    (tmp_path / "right.toml").write_text(SMALL)
+    wrong, right = (load_campaign(tmp_path / f"{name}.toml") for name in ("wrong", "right"))
+    records = [point_acquisition(plan, plan.points[4], seed=2) for plan in (wrong, right)]
+    one, other = (each.channels["aoa_filtered"].values("g_0").mean() for each in records)
+    # 20 minutes after the start it is 2 K warmer
+    assert one / other == pytest.approx(1.004 + 2e-3, abs=1e-5)
+    assert records[0].channels["package_temperature"].values("K").mean() == pytest.approx(
+        346.261, abs=0.005
+    )
+    np.testing.assert_array_equal(records[0].truth["bias_deg"], records[1].truth["bias_deg"])
+    np.testing.assert_array_equal(
+        records[0].channels["az_face"].samples, records[1].channels["az_face"].samples
+    )
+
+
+def test_both_planes_have_their_levels(tmp_path):
+    both = RECORD.replace(
+        'shaker_off = "0.4 s"',
+        '[record.excitation.other_plane]\nkind = "random"\nmoments = ["900 in*lbf"]',
+    )
+    (tmp_path / "both.toml").write_text((SMALL + both).replace('"1 s"', '"8 s"'))
+    plan = load_campaign(tmp_path / "both.toml")
+    upright = tuple(m.model_copy(update={"out_of_plane": 0.0}) for m in plan.model.mode)
+    plan = plan.model_copy(update={"model": plan.model.model_copy(update={"mode": upright})})
+    record = point_acquisition(plan, plan.points[-1], seed=2)
+    for name, level in (("yaw_moment", 2000), ("pitch_moment", 900)):
+        assert np.ptp(record.channels[name].values("in*lbf")) == pytest.approx(level, rel=0.01)
+
+
+def test_a_sweep_meets_the_resonance_when_its_frequency_does(tmp_path):
+    swept = RECORD.replace(
+        'kind = "sine"\nplane = "yaw"\nfrequency = "9.8 Hz"',
+        'kind = "sine sweep"\nplane = "yaw"\nband = ["5 Hz", "15 Hz"]\nlaw = "linear"',
+    ).replace('shaker_off = "0.4 s"', "")
+    (tmp_path / "swept.toml").write_text((SMALL + swept).replace('"1 s"', '"40 s"'))
+    plan = load_campaign(tmp_path / "swept.toml")
+    channel = point_acquisition(plan, plan.points[-1], seed=2).channels["ay_face"]
+    loudest = channel.time_s[np.argmax(np.abs(channel.values("m/s^2")))]
+    assert 5 + loudest / 4 == pytest.approx(9.8, abs=0.4)  # it lags a little
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("scale =", "scael =", "unknown key package.scael; did you mean scale?"),
+        ('"6 K / hour"', '"6 K"', "package.warming: '6 K' is not a quantity in K/s"),
+        (
+            "[package]",
+            '[[sensor]]\nname = "az_nose"\n[package]',
+            "sensor[0]: no sensor is called az_nose; choose one of aoa_unfiltered, ",
+        ),
+    ],
+)
+def test_errors_that_cannot_be_are_one_sentence(tmp_path, old, new, message):
+    path = tmp_path / "wrong.toml"
+    path.write_text((SMALL + WRONG).replace(old, new))
+    with pytest.raises(SetupError, match=f"^{re.escape(f'{path}: {message}')}"):
+        load_campaign(path)
+
+
 def test_the_papers_records_show_its_figures():
     records = {p.name: p for p in load_campaign("paper").points if p.run_kind == "record"}
     off = [p for p in records.values() if p.series.shaker_off]

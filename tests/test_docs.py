@@ -13,10 +13,12 @@ from glint_aoa.flags import Flag, describe
 from glint_aoa.records.angles import FIELD_COLUMNS, LOG_COLUMNS
 from glint_aoa.records.fields import FieldInfo
 from glint_aoa.records.points import RecordedPoint, write_point
-from glint_aoa.setup import Setup, load_setup
+from glint_aoa.setup import InertialFilter, Setup, load_setup
 from glint_aoa.setup.section import _keys
 from render_sim.campaign_file import Campaign, Drift, Record, Run, Series, Sweep, load_campaign
+from render_sim.instruments import SensorErrors
 from render_sim.modes import ModelSystem, VibrationMode, load_model_system, paper_model_system
+from render_sim.package import InertialPackage
 from render_sim.scene import (
     Air,
     Body,
@@ -87,12 +89,23 @@ def test_the_model_of_the_documents_is_valid(tmp_path):
 
 def test_the_documents_name_every_key_of_a_campaign():
     text = SIMULATION["# campaign"] + SIMULATION["# model"]
-    parts = (Campaign, Drift, Sweep, Run, Series, Record, ModelSystem, VibrationMode)
+    parts = (
+        Campaign,
+        Drift,
+        Sweep,
+        Run,
+        Series,
+        Record,
+        InertialPackage,
+        InertialFilter,
+        SensorErrors,
+        ModelSystem,
+        VibrationMode,
+    )
     for part in parts:
         for key in set(_keys(part)) - {"model"}:
-            assert re.search(rf"^#? ?\[*(\w+\.)*{key}\b", text, re.MULTILINE), (
-                f"{part.__name__}: {key}"
-            )
+            named = rf"(^|[{{,] ?)\[*(\w+\.)*{key}\b"
+            assert re.search(named, text, re.MULTILINE), f"{part.__name__}: {key}"
 
 
 def test_the_scene_of_the_documents_names_every_key_and_is_the_papers(tmp_path):
