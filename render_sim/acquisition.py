@@ -69,6 +69,8 @@ class Recording:
         Filters and errors of the inertial package.
     errors : tuple of SensorErrors
         What is wrong with single sensors.
+    strays : mapping of str to Signal
+        What sensors feel beside the motion, by sensor and in its units.
     """
 
     duration_s: float = 8.0
@@ -77,6 +79,7 @@ class Recording:
     oversampling: int = 8
     package: InertialPackage = field(default_factory=InertialPackage)
     errors: tuple[SensorErrors, ...] = ()
+    strays: Mapping[str, Signal] = field(default_factory=dict)
 
     @property
     def fine_rate_hz(self) -> float:
@@ -142,6 +145,8 @@ def acquire(
     plane = next(iter(forces), None)
     fine = _fine_signals(system, motion, static, forces=forces, recording=recording)
     sampled = {name: _decimate(signal, recording) for name, signal in fine.items()}
+    time = recording.start_s + np.arange(_samples(recording)) / recording.rate_hz
+    sampled |= {name: sampled[name] + stray.at(time) for name, stray in recording.strays.items()}
     truth = _truth(sampled.pop(_IDEAL), rest_pitch_rad=_rest_pitch(static))
     at_hand = sensors(system, plane)
     at_hand |= {each.name: each.applied(at_hand[each.name]) for each in recording.errors}

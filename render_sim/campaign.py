@@ -30,8 +30,9 @@ from glint_aoa.units import convert
 from render_sim.acquisition import Acquisition, Recording, acquire
 from render_sim.campaign_file import Campaign, Point, load_campaign, scene_of
 from render_sim.decay import ShutOff, UntilOff
+from render_sim.disturbance import Knocked, loose_signals
 from render_sim.drive import Drive
-from render_sim.excitation import Tones, peak_to_peak
+from render_sim.excitation import Tones, peak_to_peak, period_beyond
 from render_sim.film import film
 from render_sim.modal_motion import ModalMotion, Signal
 from render_sim.modes import Plane, balance_moment, joint_angles, modal_angles
@@ -79,6 +80,7 @@ class _Streams:
     force: np.random.Generator
     fields: np.random.Generator
     acquisition: np.random.Generator
+    loose: np.random.Generator
 
 
 def _seeded(seed: int, name: str) -> np.random.SeedSequence:
@@ -86,7 +88,7 @@ def _seeded(seed: int, name: str) -> np.random.SeedSequence:
 
 
 def _streams(point: Point, seed: int) -> _Streams:
-    return _Streams(*map(np.random.default_rng, _seeded(seed, f"point {point.name}").spawn(3)))
+    return _Streams(*map(np.random.default_rng, _seeded(seed, f"point {point.name}").spawn(4)))
 
 
 def _static_pitch(campaign: Campaign, point: Point, seed: int) -> float:
@@ -103,15 +105,19 @@ def point_motion(
     pitch = _static_pitch(campaign, point, seed)
     static = StaticMotion(scene, pitch, yaw_rad=point.yaw_rad)
     if point.series is None:
-        return PointMotion(static, static)
+        return PointMotion(_knocked(static, point), static)
     forces = _forces(campaign, point, _streams(point, seed).force)
     angles = joint_angles(model, forces)
     off = point.series.shaker_off
     if off is None:
-        return PointMotion(ModalMotion(static, model, angles), static, forces)
+        return PointMotion(_knocked(ModalMotion(static, model, angles), point), static, forces)
     ringing = ModalMotion(static, model, [(mode, ShutOff(mode, a, off)) for mode, a in angles])
     until_off = {plane: UntilOff(force, off) for plane, force in forces.items()}
-    return PointMotion(ringing, static, until_off)
+    return PointMotion(_knocked(ringing, point), static, until_off)
+
+
+def _knocked(motion: Motion, point: Point) -> Motion:
+    return motion if point.knock is None else Knocked(motion, point.knock)
 
 
 def _forces(campaign: Campaign, point: Point, rng: np.random.Generator) -> dict[Plane, Tones]:
@@ -154,9 +160,17 @@ def _acquire(campaign: Campaign, point: Point, moved: PointMotion, seed: int) ->
             duration_s=point.duration_s,
             package=campaign.package.later(point.order * campaign.interval),
             errors=campaign.sensor,
+            strays=_strays(campaign, point, seed),
         ),
         rng=_streams(point, seed).acquisition,
     )
+
+
+def _strays(campaign: Campaign, point: Point, seed: int) -> dict[str, Signal]:
+    if point.loose is None:
+        return {}
+    period = period_beyond(point.duration_s + campaign.package.settling_s)
+    return loose_signals(point.loose, period_s=period, rng=_streams(point, seed).loose)
 
 
 def simulate_point(

@@ -17,6 +17,7 @@ from pydantic import Field, model_validator
 
 from glint_aoa.errors import SetupError
 from glint_aoa.setup import Section, load_section, positive, quantity
+from render_sim.disturbance import Knock, LooseMass
 from render_sim.drive import Series
 from render_sim.instruments import SensorErrors
 from render_sim.modes import ModelSystem, paper_model_system
@@ -82,6 +83,8 @@ class Record(Section):
     excitation: Series | None = Field(
         None, description="as a series, with one level; the shaker is off if not given"
     )
+    loose: LooseMass | None = Field(None, description="a loose mass; none if not given")
+    knock: Knock | None = Field(None, description="a nod of the model; none if not given")
 
     @model_validator(mode="after")
     def _is_one_point(self) -> Self:
@@ -128,6 +131,10 @@ class Point:
         Which of the series' levels.
     window : (int, int) or None
         First line and number of lines; None for the scene's.
+    loose : LooseMass or None
+        A loose mass in the model.
+    knock : Knock or None
+        A nod of the model.
     """
 
     name: str
@@ -142,6 +149,8 @@ class Point:
     series: Series | None = None
     level: int = 0
     window: tuple[int, int] | None = None
+    loose: LooseMass | None = None
+    knock: Knock | None = None
 
     @property
     def moment_n_m(self) -> float:
@@ -254,6 +263,8 @@ class Campaign(Section):
             n_fields=self.n_fields if record.n_fields is None else record.n_fields,
             series=record.excitation,
             window=record.window,
+            loose=record.loose,
+            knock=record.knock,
         )
 
 

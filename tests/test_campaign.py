@@ -21,6 +21,7 @@ from render_sim.campaign import (
     simulate_campaign,
     simulate_point,
 )
+from render_sim.disturbance import LooseMass, loose_signals
 from render_sim.excitation import peak_to_peak
 from render_sim.modes import balance_moment, modal_angles
 from render_sim.scene import paper_scene
@@ -529,6 +530,69 @@ def test_the_packages_errors_are_in_the_file_and_its_temperature_beside_them(tmp
     np.testing.assert_array_equal(
         records[0].channels["az_face"].samples, records[1].channels["az_face"].samples
     )
+
+
+LOOSE = """
+[record.loose]
+plane = "yaw"
+mass = "5 kg"
+station = "0.12 m"
+travel = "0.5 mm"
+bracket = "0.1 mm"
+band = ["9 Hz", "10.5 Hz"]
+"""
+
+
+def test_a_loose_mass_is_felt_by_balance_and_bracket_alone(tmp_path):
+    (tmp_path / "loose.toml").write_text(SMALL + RECORD + LOOSE)
+    (tmp_path / "quiet.toml").write_text(SMALL + RECORD)
+    loose, quiet = (
+        point_acquisition(plan, plan.points[-1], seed=2).channels
+        for plan in (load_campaign(tmp_path / f"{name}.toml") for name in ("loose", "quiet"))
+    )
+    changed = {
+        name for name in quiet if not np.array_equal(loose[name].samples, quiet[name].samples)
+    }
+    felt = {"side_force", "yaw_moment", "ay_face"}
+    assert changed == felt | {f"analyser_{name}" for name in felt}
+    force, moment = (
+        loose[name].values(unit) - quiet[name].values(unit)
+        for name, unit in (("side_force", "N"), ("yaw_moment", "N*m"))
+    )
+    np.testing.assert_allclose(moment, 0.12 * force, rtol=0, atol=0.5)
+
+
+def test_a_loose_mass_rattles_from_its_time_on():
+    said = {"plane": "pitch", "mass": "2 kg", "station": "0.1 m", "travel": "1 mm"}
+    loose = LooseMass.model_validate(
+        said | {"band": ["9 Hz", "10 Hz"], "rattle": 7.0, "rattle_from": "30 s"}
+    )
+    rng = np.random.default_rng(5)
+    signals = loose_signals(loose, period_s=64.0, rng=rng)
+    assert set(signals) == {"normal_force", "pitch_moment", "az_face"}
+    before, after = (signals["normal_force"].at(np.arange(a, a + 25, 1e-2)) for a in (2.0, 33.0))
+    steady = {**said, "band": ["9 Hz", "10 Hz"]}
+    usual = loose_signals(
+        LooseMass.model_validate(steady), period_s=64.0, rng=np.random.default_rng(5)
+    )["normal_force"]
+    whole = usual.at(np.arange(0.0, 64.0, 1e-2))
+    assert whole.std() == pytest.approx(2 * 1e-3 * (2 * np.pi * 9.5) ** 2, rel=0.2)
+    np.testing.assert_allclose(before, usual.at(np.arange(2.0, 27.0, 1e-2)), atol=0.3)
+    np.testing.assert_allclose(after, 7 * usual.at(np.arange(33.0, 58.0, 1e-2)), rtol=0.02)
+
+
+def test_a_knock_nods_the_model_once(tmp_path):
+    nod = '[record.knock]\ntime = "0.5 s"\nangle = "0.06 deg"\nwidth = "0.1 s"\n'
+    still = RECORD.split("[record.excitation]", maxsplit=1)[0]
+    (tmp_path / "nod.toml").write_text(SMALL + still + nod)
+    plan = load_campaign(tmp_path / "nod.toml")
+    moved = point_motion(plan, plan.points[-1], seed=2)
+    time = np.array([0.0, 0.4, 0.5, 0.6, 1.0])
+    pitch = np.arcsin(moved.motion.pose(time)[:, 2, 0]) - np.arcsin(
+        moved.static.pose(time)[:, 2, 0]
+    )
+    expected = 0.06 * np.exp([-25, -1, 0, -1, -25])
+    np.testing.assert_allclose(np.rad2deg(pitch), expected, rtol=0, atol=1e-9)
 
 
 def test_both_planes_have_their_levels(tmp_path):

@@ -16,6 +16,7 @@ from glint_aoa.records.points import RecordedPoint, write_point
 from glint_aoa.setup import InertialFilter, Setup, load_setup
 from glint_aoa.setup.section import _keys
 from render_sim.campaign_file import Campaign, Drift, Record, Run, Series, Sweep, load_campaign
+from render_sim.disturbance import Knock, LooseMass
 from render_sim.instruments import SensorErrors
 from render_sim.modes import ModelSystem, VibrationMode, load_model_system, paper_model_system
 from render_sim.package import InertialPackage
@@ -96,6 +97,8 @@ def test_the_documents_name_every_key_of_a_campaign():
         Run,
         Series,
         Record,
+        LooseMass,
+        Knock,
         InertialPackage,
         InertialFilter,
         SensorErrors,
