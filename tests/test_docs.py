@@ -86,6 +86,9 @@ def test_the_model_of_the_documents_is_valid(tmp_path):
     model, papers = load_model_system(tmp_path / "model.toml"), paper_model_system()
     assert model.model_copy(update={"mode": ()}) == papers.model_copy(update={"mode": ()})
     assert model.mode[0].radius == papers.modes_in("yaw")[0].radius
+    inside = "\n[model]\n" + SIMULATION["# model"].replace("[[mode]]", "[[model.mode]]")
+    (tmp_path / "test.toml").write_text(SIMULATION["# campaign"] + inside)
+    assert load_campaign(tmp_path / "test.toml").model == model
 
 
 def test_the_documents_name_every_key_of_a_campaign():
