@@ -171,7 +171,9 @@ class Campaign(Section):
     start: datetime.datetime = Field(description="time of day of the first trigger")
     interval: _Seconds = Field(300.0, description="time from point to point")
     temperature: _Kelvin = Field(294.0, description="tunnel temperature")
-    n_fields: Annotated[int, Field(strict=True, ge=1)] = Field(60, description="fields a point")
+    n_fields: Annotated[int, Field(strict=True, ge=0)] = Field(
+        60, description="fields a point, 0 for none"
+    )
     duration: _Seconds = Field(8.0, description="length of the acquisition from the trigger")
     drift: Drift = Drift()
     model: ModelSystem = Field(
