@@ -254,7 +254,8 @@ def _announced(path: Path, meta: Mapping[str, object]) -> BenchmarkPoint:
     words = str(meta["excitation"]).lower()
     off = words in {"off", "none", "shaker off"}
     plane = next((word for word in ("yaw", "pitch") if word in words), "none")
-    kind = next((word for word in ("modulated sine", "random") if word in words), "sine")
+    kinds = ("modulated sine", "random", "sine sweep")
+    kind = next((word for word in kinds if word in words), "sine")
     nominal = meta.get("nominal_angle_deg")
     said: dict[str, Any] = {
         "plane": str(meta.get("excitation_plane", "none" if off else plane)),

@@ -1,10 +1,12 @@
 import re
 from collections import Counter
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
 
+from glint_aoa.benchmark import Kind
 from glint_aoa.errors import OutputError, SetupError
 from glint_aoa.records.formats.hdf5 import (
     has_fields,
@@ -22,6 +24,7 @@ from render_sim.campaign import (
     simulate_point,
 )
 from render_sim.disturbance import LooseMass, loose_signals
+from render_sim.drive import Series
 from render_sim.excitation import peak_to_peak
 from render_sim.modes import balance_moment, modal_angles
 from render_sim.scene import paper_scene
@@ -610,6 +613,11 @@ def test_a_knock_nods_the_model_once(tmp_path):
     )
     expected = 0.06 * np.exp([-25, -1, 0, -1, -25])
     np.testing.assert_allclose(np.rad2deg(pitch), expected, rtol=0, atol=1e-9)
+
+
+def test_the_comparison_knows_every_kind_of_excitation():
+    kinds = get_args(Series.model_fields["kind"].annotation)
+    assert {"off", *kinds} == set(get_args(Kind))
 
 
 def test_both_planes_have_their_levels(tmp_path):
