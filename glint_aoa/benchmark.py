@@ -32,14 +32,14 @@ __all__ = [
 ]
 
 Plane = Literal["none", "yaw", "pitch"]
-Kind = Literal["off", "sine", "modulated sine", "random"]
+Kind = Literal["off", "sine", "modulated sine", "random", "sine sweep"]
 Technique = Literal["video", "inertial", "inertial corrected"]
 
 TECHNIQUES: tuple[Technique, ...] = ("video", "inertial", "inertial corrected")
 """The techniques of Table 4, and the paper's inertial technique after correction."""
 
 _PLANES: tuple[Plane, ...] = ("yaw", "pitch")
-_KINDS: tuple[Kind, ...] = ("sine", "modulated sine", "random")
+_KINDS: tuple[Kind, ...] = ("sine", "modulated sine", "random", "sine sweep")
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class BenchmarkPoint:
         Names; the points of a run follow each other in the order in which they were taken.
     excitation : str
         What the shaker did, in words, such as "yaw sine 9.8 Hz".
-    kind : {"off", "sine", "modulated sine", "random"}
+    kind : {"off", "sine", "modulated sine", "random", "sine sweep"}
         Kind of excitation.
     plane : {"none", "yaw", "pitch"}
         Plane of the excitation; "none" with the shaker off.
@@ -169,7 +169,7 @@ class Table4Row:
         How the angle was measured.
     excitation : {"yaw", "pitch"}
         Plane of the excitation.
-    kind : {"all", "sine", "modulated sine", "random"}
+    kind : {"all", "sine", "modulated sine", "random", "sine sweep"}
         Kind of excitation that the row is about.
     mean_deg : float
         Mean error [deg].

@@ -20,7 +20,8 @@ from glint_aoa.process import process_point
 from glint_aoa.records.acquisition import AcquisitionRecord
 from glint_aoa.records.angles import check_new_results, log_result
 from glint_aoa.records.conditioning import prepared
-from glint_aoa.records.formats import open_acquisition, open_fields
+from glint_aoa.records.formats import HDF5_SUFFIXES, open_acquisition, open_fields
+from glint_aoa.records.formats.hdf5 import read_meta
 from glint_aoa.setup import Setup
 from glint_aoa.workers import Workers
 
@@ -148,8 +149,9 @@ def compare_points(
 ) -> list[BenchmarkPoint]:
     """Process recorded points and hold their optical angles beside the inertial ones.
 
-    Points of a sweep, a run whose nominal angle changes, are left out. What can be known to fail
-    is looked for in all points before the first one is measured.
+    Points of a sweep, a run whose nominal angle changes, are left out, and so are single records,
+    whose description says ``run_kind`` record. What can be known to fail is looked for in all
+    points before the first one is measured.
 
     Parameters
     ----------
@@ -176,9 +178,12 @@ def compare_points(
     ------
     InputError
         If a recording or the setup cannot be used, a run does not start and end with the shaker
-        off, or all points are of sweeps.
+        off, or all points are of sweeps or single records.
     """
-    told = {Path(path): _announced(Path(path), open_fields(path).meta) for path in paths}
+    of_runs = [path for path in map(Path, paths) if not _is_record(path)]
+    if paths and not of_runs:
+        raise InputError("all points are single records; give the points of runs at one angle")
+    told = {path: _announced(path, open_fields(path).meta) for path in of_runs}
     sweeps = _sweeps(told.values())
     in_runs = {path: point for path, point in told.items() if point.run not in sweeps}
     if sweeps and not in_runs:
@@ -196,7 +201,7 @@ def compare_points(
             pass
         compare = partial(_compare_point, setup=setup, out=out, overwrite=overwrite)
         compared = workers.map(compare, in_runs.items())
-        for path in told:
+        for path in map(Path, paths):
             if path in in_runs:
                 point, row = next(compared)
                 log_result(out, row)
@@ -204,6 +209,13 @@ def compare_points(
             if progress is not None:
                 progress(path)
     return done
+
+
+def _is_record(path: Path) -> bool:
+    """Whether a file is a single record, which may hold no fields."""
+    if path.suffix.lower() not in HDF5_SUFFIXES:
+        return False
+    return read_meta(path).get("run_kind") == "record"
 
 
 def _sweeps(points: Iterable[BenchmarkPoint]) -> set[str]:
@@ -264,7 +276,8 @@ def _announced(path: Path, meta: Mapping[str, object]) -> BenchmarkPoint:
     words = str(meta["excitation"]).lower()
     off = words in {"off", "none", "shaker off"}
     plane = next((word for word in ("yaw", "pitch") if word in words), "none")
-    kind = next((word for word in ("modulated sine", "random") if word in words), "sine")
+    kinds = ("modulated sine", "random", "sine sweep")
+    kind = next((word for word in kinds if word in words), "sine")
     nominal = meta.get("nominal_angle_deg")
     said: dict[str, Any] = {
         "plane": str(meta.get("excitation_plane", "none" if off else plane)),

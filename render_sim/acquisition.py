@@ -4,13 +4,14 @@ Sensors see the exact rigid-body kinematics on a grid eight times finer than the
 sensor has its noise once; each channel band-limits (linear phase, delay taken out), samples and
 turns into 16-bit counts for itself.
 
-Signs: forces and moments are those the model puts on the balance, zero with the motionless model
-hanging on it (tared). Normal force along model +z, side force along +y (to port), axial force
-along -x (aft); yaw moment about +z (nose to port), pitch moment about -y (nose up), roll moment
-about +x (starboard side down), all about the balance moment centre.
+The band limit passes 0 to 300 Hz and takes out all from 500 Hz on, by 100 dB; what lies between 400
+and 500 Hz is folded to between 300 and 400 Hz, above the package's band.
+
+The balance's loads are zero with the motionless model hanging on it (tared); for signs see
+`render_sim.instruments`.
 """
 
-from collections.abc import Iterator
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -19,22 +20,34 @@ from numpy.typing import NDArray
 
 from glint_aoa.records.acquisition import Channel
 from glint_aoa.units import STANDARD_GRAVITY
-from render_sim.excitation import Tones
+from render_sim.instruments import (
+    ANALYSER,
+    DAS,
+    FULL_COUNT,
+    TEMPERATURE,
+    Input,
+    Sensor,
+    SensorErrors,
+    accelerometer_stations,
+    sensors,
+)
 from render_sim.kinematics import BodyKinematics, body_kinematics
+from render_sim.modal_motion import Signal
 from render_sim.modes import ModelSystem, Plane
 from render_sim.motion import Motion
-from render_sim.package import InertialPackage, PackageOutputs, package_outputs
+from render_sim.package import (
+    InertialPackage,
+    PackageOutputs,
+    package_outputs,
+    sensed_force,
+)
 
 __all__ = ["Acquisition", "Recording", "acquire", "balance_loads"]
 
 Floats = NDArray[np.float64]
 
-AFT_STATION_M = 0.1
-MID_STATION_M = 0.55
-"""Stations of the fuselage accelerometers [m], one a plane at each."""
-
-_FULL_COUNT = 32767
 _BAND = (300.0, 500.0)
+_IDEAL = "ideal filtered output"
 _NEWTONS_PER_VOLT = 100.0
 
 
@@ -53,7 +66,11 @@ class Recording:
     oversampling : int
         Kinematics are taken this many times finer.
     package : InertialPackage
-        Filters of the inertial package.
+        Filters and errors of the inertial package.
+    errors : tuple of SensorErrors
+        What is wrong with single sensors.
+    strays : mapping of str to Signal
+        What sensors feel beside the motion, by sensor and in its units.
     """
 
     duration_s: float = 8.0
@@ -61,6 +78,18 @@ class Recording:
     rate_hz: float = 800.0
     oversampling: int = 8
     package: InertialPackage = field(default_factory=InertialPackage)
+    errors: tuple[SensorErrors, ...] = ()
+    strays: Mapping[str, Signal] = field(default_factory=dict)
+
+    @property
+    def fine_rate_hz(self) -> float:
+        """Samples a second of the kinematics [Hz]."""
+        return self.rate_hz * self.oversampling
+
+    @property
+    def lead(self) -> int:
+        """Fine samples ahead of the record, in which the package's filter settles."""
+        return round(self.package.settling_s * self.rate_hz) * self.oversampling
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,69 +102,11 @@ class Acquisition:
         The 12-channel record, then the analyser's 16 with names that start with ``analyser_``.
     truth : dict of str to ndarray [sample]
         ``static_pitch_deg``, the motionless model's pitch; ``bias_deg``, the filtered output's
-        angle, free of noise, less that pitch.
+        angle, free of noise and of the package's errors, less that pitch.
     """
 
     channels: dict[str, Channel]
     truth: dict[str, Floats]
-
-
-@dataclass(frozen=True)
-class _Sensor:
-    """One sensor: what it measures, where, and its noise in the record's band [units rms]."""
-
-    quantity: str | None
-    units: str
-    noise: float
-    station_m: float | None = None
-    axis: str | None = None
-
-
-@dataclass(frozen=True)
-class _Input:
-    """One channel of an acquisition: the sensor on it and the range [sensor's units]."""
-
-    name: str
-    sensor: str
-    full_scale: float
-
-
-_MILLI_G = STANDARD_GRAVITY * 1e-3
-_FACE_RANGE = 100.0
-_FUSELAGE_RANGE = 20 * STANDARD_GRAVITY
-
-_BALANCE_INPUTS = (
-    ("normal_force", 10_000.0),
-    ("axial_force", 2_000.0),
-    ("pitch_moment", 1_500.0),
-    ("roll_moment", 500.0),
-    ("yaw_moment", 1_500.0),
-    ("side_force", 5_000.0),
-)
-_PACKAGE_INPUTS = (
-    ("aoa_unfiltered", 1.0),
-    ("aoa_filtered", 0.35),
-    ("ay_face", _FACE_RANGE),
-    ("az_face", _FACE_RANGE),
-)
-_FUSELAGE_INPUTS = tuple(
-    (name, _FUSELAGE_RANGE) for name in ("ay_aft", "az_aft", "ay_mid", "az_mid")
-)
-
-_DAS = tuple(
-    _Input(name, name, full)
-    for name, full in (*_PACKAGE_INPUTS, *_BALANCE_INPUTS, ("shaker", 10.0), ("aux_aoa", 20.0))
-)
-_ANALYSER = tuple(
-    _Input(f"analyser_{name}", name, full)
-    for name, full in (
-        ("force_y", 500.0),
-        ("force_z", 500.0),
-        *_BALANCE_INPUTS,
-        *_PACKAGE_INPUTS,
-        *_FUSELAGE_INPUTS,
-    )
-)
 
 
 def acquire(
@@ -143,8 +114,7 @@ def acquire(
     motion: Motion,
     static: Motion,
     *,
-    force: Tones | None = None,
-    plane: Plane | None = None,
+    forces: Mapping[Plane, Signal] | None = None,
     recording: Recording | None = None,
     rng: np.random.Generator,
 ) -> Acquisition:
@@ -158,10 +128,9 @@ def acquire(
         The moving model.
     static : Motion
         The model without vibration; its pitch at the trigger is the truth.
-    force : Tones, optional
-        The shaker's force [N]; none with the shaker off.
-    plane : "yaw" or "pitch", optional
-        Plane of the force: along model +y or +z.
+    forces : mapping of "yaw" or "pitch" to Signal, optional
+        The shaker's force [N] along model +y (yaw) or +z (pitch); none with the shaker off. Where
+        both planes are driven, the shaker's channel records the first.
     recording : Recording, optional
         Length, rate and package.
     rng : Generator
@@ -172,34 +141,63 @@ def acquire(
     Acquisition
         28 channels in record order, and the truth at the same samples.
     """
-    recording = recording or Recording()
-    rate = recording.rate_hz * recording.oversampling
-    lead = round(recording.package.settling_s * recording.rate_hz) * recording.oversampling
-    record = _samples(recording) * recording.oversampling
-    pad = len(_anti_alias(rate)) // 2
-    body = body_kinematics(
-        motion, start_s=recording.start_s - lead / rate, samples=lead + record + pad, rate_hz=rate
-    )
-    up = static.pose(np.zeros(1))[0, 2, :3]
-    outputs = package_outputs(
-        body.specific_force(system.sensor_station)[:, 0],
-        rest_force=STANDARD_GRAVITY * up[0],
-        rate_hz=rate,
-        package=recording.package,
-    )
-    fine = _sensor_signals(system, body, outputs, rest_up=up, push=_push(force, plane, body.time_s))
-    sampled = {name: _decimate(signal, lead, recording) for name, signal in fine.items()}
-    truth = _truth(sampled["aoa_filtered"], rest_pitch_rad=float(np.arcsin(up[0])))
-    sensors = _sensors(system, plane)
+    recording, forces = recording or Recording(), forces or {}
+    plane = next(iter(forces), None)
+    fine = _fine_signals(system, motion, static, forces=forces, recording=recording)
+    sampled = {name: _decimate(signal, recording) for name, signal in fine.items()}
+    time = recording.start_s + np.arange(_samples(recording)) / recording.rate_hz
+    sampled |= {name: sampled[name] + stray.at(time) for name, stray in recording.strays.items()}
+    truth = _truth(sampled.pop(_IDEAL), rest_pitch_rad=_rest_pitch(static))
+    at_hand = sensors(system, plane)
+    at_hand |= {each.name: each.applied(at_hand[each.name]) for each in recording.errors}
     noisy = {
-        name: signal + sensors[name].noise * rng.standard_normal(signal.size)
+        name: at_hand[name].indicated(signal)
+        + at_hand[name].noise * rng.standard_normal(signal.size)
         for name, signal in sampled.items()
     }
+    extra = () if recording.package.temperature is None else (TEMPERATURE,)
     channels = {
-        each.name: _channel(each, sensors[each.sensor], noisy[each.sensor], recording)
-        for each in (*_DAS, *_ANALYSER)
+        each.name: _channel(each, at_hand[each.sensor], noisy[each.sensor], recording)
+        for each in (*DAS, *ANALYSER, *extra)
     }
     return Acquisition(channels=channels, truth=truth)
+
+
+def _fine_signals(
+    system: ModelSystem,
+    motion: Motion,
+    static: Motion,
+    *,
+    forces: Mapping[Plane, Signal],
+    recording: Recording,
+) -> dict[str, Floats]:
+    """Return every sensor's signal on the fine grid, lead-in first; free of noise."""
+    rate, package = recording.fine_rate_hz, recording.package
+    lead, pad = recording.lead, len(_anti_alias(rate)) // 2
+    samples = lead + _samples(recording) * recording.oversampling + pad
+    body = body_kinematics(
+        motion, start_s=recording.start_s - lead / rate, samples=samples, rate_hz=rate
+    )
+    up = static.pose(np.zeros(1))[0, 2, :3]
+    felt = body.specific_force(system.sensor_station)
+    kelvin = package.temperature_at(body.time_s)
+    outputs = package_outputs(
+        sensed_force(felt, package, temperature_k=kelvin),
+        rest_force=float(sensed_force(STANDARD_GRAVITY * up, package, temperature_k=kelvin[0])),
+        rate_hz=rate,
+        package=package,
+    )
+    ideal = package_outputs(
+        felt[:, 0], rest_force=STANDARD_GRAVITY * up[0], rate_hz=rate, package=package
+    )
+    signals = _sensor_signals(system, body, outputs, rest_up=up, forces=forces)
+    if package.temperature is not None:
+        signals[TEMPERATURE.sensor] = kelvin
+    return signals | {_IDEAL: ideal.filtered}
+
+
+def _rest_pitch(static: Motion) -> float:
+    return float(np.arcsin(static.pose(np.zeros(1))[0, 2, 0]))
 
 
 def balance_loads(
@@ -226,7 +224,7 @@ def balance_loads(
     Returns
     -------
     dict of str to ndarray [sample]
-        Forces [N] and moments [N m] by channel name, signs as in the module's head.
+        Forces [N] and moments [N m] by channel name, signs as in `render_sim.instruments`.
     """
     at_rest = STANDARD_GRAVITY * rest_up
     inertial = system.mass * (body.specific_force(system.center_of_gravity) - at_rest)
@@ -254,10 +252,14 @@ def _along_x_cross(station_m: float, force: Floats) -> Floats:
     return station_m * np.stack([np.zeros(len(force)), -force[:, 2], force[:, 1]], axis=-1)
 
 
-def _push(force: Tones | None, plane: Plane | None, time_s: Floats) -> Floats:
+_ALONG: dict[Plane, int] = {"yaw": 1, "pitch": 2}
+"""Model axis along which the shaker drives a plane."""
+
+
+def _push(forces: Mapping[Plane, Signal], time_s: Floats) -> Floats:
     push = np.zeros((time_s.size, 3))
-    if force is not None:
-        push[:, 1 if plane == "yaw" else 2] = force.at(time_s)
+    for plane, force in forces.items():
+        push[:, _ALONG[plane]] = force.at(time_s)
     return push
 
 
@@ -267,54 +269,23 @@ def _sensor_signals(
     outputs: PackageOutputs,
     *,
     rest_up: Floats,
-    push: Floats,
+    forces: Mapping[Plane, Signal],
 ) -> dict[str, Floats]:
+    push = _push(forces, body.time_s)
+    driven = _ALONG[next(iter(forces), "yaw")]
     signals = {
         "aoa_unfiltered": outputs.unfiltered,
         "aoa_filtered": outputs.filtered,
         **balance_loads(system, body, rest_up=rest_up, push=push),
-        "shaker": push.sum(axis=1) / _NEWTONS_PER_VOLT,
+        "shaker": push[:, driven] / _NEWTONS_PER_VOLT,
         "aux_aoa": np.rad2deg(np.arcsin(body.rotation[:, 2, 0])),
         "force_y": push[:, 1],
         "force_z": push[:, 2],
     }
-    for place, station in _accelerometer_stations(system):
+    for place, station in accelerometer_stations(system):
         felt = body.specific_force(station)
         signals |= {f"ay_{place}": felt[:, 1], f"az_{place}": felt[:, 2]}
     return signals
-
-
-def _accelerometer_stations(
-    system: ModelSystem,
-) -> Iterator[tuple[str, float]]:
-    yield "face", system.sensor_station
-    yield "aft", AFT_STATION_M
-    yield "mid", MID_STATION_M
-
-
-def _sensors(system: ModelSystem, plane: Plane | None) -> dict[str, _Sensor]:
-    package, shaker = system.sensor_station, system.shaker_station
-    drive_axis = {"yaw": "+y", "pitch": "+z", None: None}[plane]
-    sensors = {
-        "aoa_unfiltered": _Sensor("aoa_unfiltered", "g_0", 50e-6, package, "+x"),
-        "aoa_filtered": _Sensor("aoa_filtered", "g_0", 5e-6, package, "+x"),
-        "normal_force": _Sensor("force", "N", 0.3, 0.0, "+z"),
-        "axial_force": _Sensor("force", "N", 0.1, 0.0, "-x"),
-        "pitch_moment": _Sensor("moment", "N*m", 0.05, 0.0, "-y"),
-        "roll_moment": _Sensor("moment", "N*m", 0.02, 0.0, "+x"),
-        "yaw_moment": _Sensor("moment", "N*m", 0.05, 0.0, "+z"),
-        "side_force": _Sensor("force", "N", 0.3, 0.0, "+y"),
-        "shaker": _Sensor("excitation", "V", 1e-3, shaker, drive_axis),
-        "aux_aoa": _Sensor(None, "deg", 0.01),
-        "force_y": _Sensor("excitation", "N", 0.02, shaker, "+y"),
-        "force_z": _Sensor("excitation", "N", 0.02, shaker, "+z"),
-    }
-    for place, station in _accelerometer_stations(system):
-        for axis in "yz":
-            sensors[f"a{axis}_{place}"] = _Sensor(
-                "acceleration", "m/s^2", 0.5 * _MILLI_G, station, f"+{axis}"
-            )
-    return sensors
 
 
 def _truth(filtered: Floats, *, rest_pitch_rad: float) -> dict[str, Floats]:
@@ -336,9 +307,9 @@ def _anti_alias(rate_hz: float) -> Floats:
     )
 
 
-def _decimate(signal: Floats, lead: int, recording: Recording) -> Floats:
-    """Band-limit to 300 Hz and keep the record's samples, sample `lead` of `signal` the first."""
-    step = recording.oversampling
+def _decimate(signal: Floats, recording: Recording) -> Floats:
+    """Band-limit to 300 Hz and keep the record's samples, the first after the lead-in."""
+    step, lead = recording.oversampling, recording.lead
     taps = _anti_alias(recording.rate_hz * step)
     delay = len(taps) // 2
     skip = -(-2 * delay // step)  # outputs before the filter is full, and in step with the record
@@ -346,10 +317,10 @@ def _decimate(signal: Floats, lead: int, recording: Recording) -> Floats:
     return np.asarray(kept[skip : skip + _samples(recording)], np.float64)
 
 
-def _channel(each: _Input, sensor: _Sensor, values: Floats, recording: Recording) -> Channel:
-    scale = each.full_scale / _FULL_COUNT
-    counts = np.clip(np.rint(values / scale), -_FULL_COUNT, _FULL_COUNT).astype(np.int16)
-    limit = _FULL_COUNT * scale
+def _channel(each: Input, sensor: Sensor, values: Floats, recording: Recording) -> Channel:
+    scale = (sensor.range_limit or each.full_scale) / FULL_COUNT
+    counts = np.clip(np.rint(values / scale), -FULL_COUNT, FULL_COUNT).astype(np.int16)
+    limit = FULL_COUNT * scale
     return Channel(
         name=each.name,
         samples=counts,

@@ -11,9 +11,9 @@ import importlib.metadata
 import multiprocessing
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from itertools import chain, starmap
 from pathlib import Path
@@ -24,15 +24,18 @@ import numpy as np
 from glint_aoa.errors import OutputError
 from glint_aoa.records._files import make_folder
 from glint_aoa.records.acquisition import AcquisitionRecord
-from glint_aoa.records.formats.hdf5 import open_hdf5
+from glint_aoa.records.formats.hdf5 import read_meta
 from glint_aoa.records.points import RecordedPoint, write_point
 from glint_aoa.units import convert
 from render_sim.acquisition import Acquisition, Recording, acquire
 from render_sim.campaign_file import Campaign, Point, load_campaign, scene_of
-from render_sim.excitation import Tones, peak_to_peak
+from render_sim.decay import ShutOff, UntilOff
+from render_sim.disturbance import Knocked, loose_signals
+from render_sim.drive import Drive
+from render_sim.excitation import Tones, peak_to_peak, period_beyond
 from render_sim.film import film
-from render_sim.modal_motion import ModalMotion
-from render_sim.modes import Plane, balance_moment, modal_angles
+from render_sim.modal_motion import ModalMotion, Signal
+from render_sim.modes import Plane, balance_moment, joint_angles, modal_angles
 from render_sim.motion import Motion, StaticMotion
 from render_sim.renderer import Renderer, make_renderer
 from render_sim.scene import Scene
@@ -44,6 +47,7 @@ __all__ = [
     "load_campaign",
     "point_acquisition",
     "point_motion",
+    "point_scene",
     "simulate_campaign",
     "simulate_point",
 ]
@@ -59,16 +63,14 @@ class PointMotion:
     ----------
     motion, static : Motion
         With vibration, and without.
-    force : Tones or None
-        The shaker's force [N]; None with the shaker off.
-    plane : "yaw", "pitch" or None
-        Plane of the force.
+    forces : dict of "yaw" or "pitch" to Signal
+        The shaker's force in each plane that it drives [N], the series' own plane first; empty
+        with the shaker off.
     """
 
     motion: Motion
     static: Motion
-    force: Tones | None = None
-    plane: Plane | None = None
+    forces: Mapping[Plane, Signal] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -78,6 +80,7 @@ class _Streams:
     force: np.random.Generator
     fields: np.random.Generator
     acquisition: np.random.Generator
+    loose: np.random.Generator
 
 
 def _seeded(seed: int, name: str) -> np.random.SeedSequence:
@@ -85,7 +88,7 @@ def _seeded(seed: int, name: str) -> np.random.SeedSequence:
 
 
 def _streams(point: Point, seed: int) -> _Streams:
-    return _Streams(*map(np.random.default_rng, _seeded(seed, f"point {point.name}").spawn(3)))
+    return _Streams(*map(np.random.default_rng, _seeded(seed, f"point {point.name}").spawn(4)))
 
 
 def _static_pitch(campaign: Campaign, point: Point, seed: int) -> float:
@@ -99,15 +102,45 @@ def point_motion(
 ) -> PointMotion:
     """Return how the model moves at a point, its shaker force scaled to the point's level."""
     scene, model = scene or scene_of(campaign), campaign.model
-    static = StaticMotion(scene, _static_pitch(campaign, point, seed))
+    pitch = _static_pitch(campaign, point, seed)
+    static = StaticMotion(scene, pitch, yaw_rad=point.yaw_rad)
+    if point.series is None:
+        return PointMotion(_knocked(static, point), static)
+    forces = _forces(campaign, point, _streams(point, seed).force)
+    angles = joint_angles(model, forces)
+    off = point.series.shaker_off
+    if off is None:
+        return PointMotion(_knocked(ModalMotion(static, model, angles), point), static, forces)
+    ringing = ModalMotion(static, model, [(mode, ShutOff(mode, a, off)) for mode, a in angles])
+    until_off = {plane: UntilOff(force, off) for plane, force in forces.items()}
+    return PointMotion(_knocked(ringing, point), static, until_off)
+
+
+def _knocked(motion: Motion, point: Point) -> Motion:
+    return motion if point.knock is None else Knocked(motion, point.knock)
+
+
+def _forces(campaign: Campaign, point: Point, rng: np.random.Generator) -> dict[Plane, Tones]:
+    """Return the force in each plane [N], at the point's level until the shaker stops."""
     series = point.series
     if series is None:
-        return PointMotion(static, static)
-    unit = series.force(_streams(point, seed).force)
-    moment = balance_moment(model, unit, modal_angles(model, unit, series.plane))
-    force = unit.scaled(point.moment_n_m / peak_to_peak(moment, duration_s=campaign.duration))
-    motion = ModalMotion(static, model, modal_angles(model, force, series.plane))
-    return PointMotion(motion, static, force, series.plane)
+        return {}
+    forces = {series.plane: _at_level(campaign, point, series, series.plane, rng)}
+    if series.other_plane is not None:
+        other = series.across
+        forces[other] = _at_level(campaign, point, series.other_plane, other, rng)
+    return forces
+
+
+def _at_level(
+    campaign: Campaign, point: Point, drive: Drive, plane: Plane, rng: np.random.Generator
+) -> Tones:
+    model = campaign.model
+    unit = drive.force(rng, duration_s=point.duration_s, lead_s=campaign.package.settling_s)
+    moment = balance_moment(model, unit, modal_angles(model, unit, plane), plane)
+    shaken_s = (point.series and point.series.shaker_off) or point.duration_s
+    level = drive.moments[point.level]
+    return unit.scaled(level / peak_to_peak(moment, duration_s=shaken_s))
 
 
 def point_acquisition(
@@ -122,11 +155,22 @@ def _acquire(campaign: Campaign, point: Point, moved: PointMotion, seed: int) ->
         campaign.model,
         moved.motion,
         moved.static,
-        force=moved.force,
-        plane=moved.plane,
-        recording=Recording(duration_s=campaign.duration),
+        forces=moved.forces,
+        recording=Recording(
+            duration_s=point.duration_s,
+            package=campaign.package.later(point.order * campaign.interval),
+            errors=campaign.sensor,
+            strays=_strays(campaign, point, seed),
+        ),
         rng=_streams(point, seed).acquisition,
     )
+
+
+def _strays(campaign: Campaign, point: Point, seed: int) -> dict[str, Signal]:
+    if point.loose is None:
+        return {}
+    period = period_beyond(point.duration_s + campaign.package.settling_s)
+    return loose_signals(point.loose, period_s=period, rng=_streams(point, seed).loose)
 
 
 def simulate_point(
@@ -146,7 +190,7 @@ def simulate_point(
     point : Point
         One of its points.
     renderer : Renderer
-        Of `scene`.
+        Of the scene, through the point's window.
     scene : Scene, optional
         The test section; the campaign's by default.
     seed : int
@@ -155,49 +199,73 @@ def simulate_point(
     Returns
     -------
     RecordedPoint
-        Fields, 28 channels, truth and description, on one trigger.
+        Fields if the point has any, 28 channels, truth and description, on one trigger.
     """
-    scene = scene or scene_of(campaign)
+    scene = point_scene(point, scene or scene_of(campaign))
     moved = point_motion(campaign, point, scene=scene, seed=seed)
+    acquired = _acquire(campaign, point, moved, seed)
+    trigger = campaign.start + datetime.timedelta(seconds=point.order * campaign.interval)
+    recorded = RecordedPoint(
+        acquisition=AcquisitionRecord(name=point.name, channels=acquired.channels),
+        truth=acquired.truth,
+        meta=_meta(campaign, point, scene=scene, seed=seed, renderer=renderer.name),
+    )
+    if point.n_fields == 0:  # the fields would have stated the trigger
+        return replace(recorded, meta={**recorded.meta, "trigger_time": trigger.isoformat()})
     filmed = film(
         scene,
         moved.motion,
-        campaign.n_fields,
+        point.n_fields,
         renderer=renderer,
         rng=_streams(point, seed).fields,
     )
-    acquired = _acquire(campaign, point, moved, seed)
-    trigger = campaign.start + datetime.timedelta(seconds=point.order * campaign.interval)
-    return RecordedPoint(
+    return replace(
+        recorded,
         fields=filmed.fields,
         info=replace(filmed.info, trigger_time=trigger.isoformat()),
-        acquisition=AcquisitionRecord(name=point.name, channels=acquired.channels),
         truth={**filmed.truth, **acquired.truth},
         fields_time_s=filmed.times_s,
-        meta=_meta(campaign, point, scene=scene, seed=seed, renderer=renderer.name),
     )
+
+
+def point_scene(point: Point, scene: Scene) -> Scene:
+    """Return the campaign's scene as recorded at a point: through the point's window."""
+    return scene if point.window is None else scene.with_window(*point.window)
 
 
 def _meta(
     campaign: Campaign, point: Point, *, scene: Scene, seed: int, renderer: str
 ) -> dict[str, str | float | int]:
-    series = point.series
     return {
         "campaign": campaign.name,
         "run": point.run,
         "run_kind": point.run_kind,
         "point": point.name,
-        "excitation": series.label if series else "off",
-        "excitation_plane": series.plane if series else "none",
-        "excitation_kind": series.kind if series else "off",
-        "nominal_moment_in_lb": round(point.moment_n_m * convert("N*m", "in*lbf"), 6),
+        **_excitation_meta(point),
         "nominal_angle_deg": round(float(np.rad2deg(point.angle_rad)), 9),
+        "nominal_yaw_deg": round(float(np.rad2deg(point.yaw_rad)), 9),
         "tunnel_temperature_K": campaign.temperature,
         "versions": _versions(),
         "seed": seed,
         "renderer": renderer,
         "plan_hash": _plan_hash(campaign, scene),
     }
+
+
+def _excitation_meta(point: Point) -> dict[str, str | float]:
+    series, in_lb = point.series, convert("N*m", "in*lbf")
+    meta: dict[str, str | float] = {
+        "excitation": series.label if series else "off",
+        "excitation_plane": series.plane if series else "none",
+        "excitation_kind": series.kind if series else "off",
+        "nominal_moment_in_lb": round(point.moment_n_m * in_lb, 6),
+    }
+    if series and series.other_plane:
+        meta["other_plane_kind"] = series.other_plane.kind
+        meta["other_plane_moment_in_lb"] = round(point.other_moment_n_m * in_lb, 6)
+    if series and series.shaker_off is not None:
+        meta["shaker_off_s"] = series.shaker_off
+    return meta
 
 
 @lru_cache(maxsize=4)
@@ -268,7 +336,8 @@ def simulate_campaign(
     there = [point for point in campaign.points if (out_dir / f"{point.name}.h5").exists()]
     if resume:
         for point in there:
-            expected = _meta(campaign, point, scene=scene, seed=seed, renderer=name)
+            seen = point_scene(point, scene)
+            expected = _meta(campaign, point, scene=seen, seed=seed, renderer=name)
             _check_origin(out_dir / f"{point.name}.h5", expected)
     elif there and not overwrite:
         raise OutputError(
@@ -291,7 +360,7 @@ def simulate_campaign(
 
 def _check_origin(path: Path, expected: dict[str, str | float | int]) -> None:
     """Refuse to go on from a point that this campaign would not have written."""
-    found = open_hdf5(path).meta
+    found = read_meta(path)
     for key in ("plan_hash", "seed", "renderer"):
         if found.get(key) != expected[key]:
             what = "campaign or scene" if key == "plan_hash" else key
@@ -339,9 +408,8 @@ def _write(
     overwrite: bool,
 ) -> Path:
     path = out_dir / f"{point.name}.h5"
-    recorded = simulate_point(
-        campaign, point, renderer=_renderer(scene, renderer), scene=scene, seed=seed
-    )
+    made = _renderer(point_scene(point, scene), renderer)
+    recorded = simulate_point(campaign, point, renderer=made, scene=scene, seed=seed)
     write_point(path, recorded, overwrite=overwrite)
     return path
 

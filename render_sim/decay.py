@@ -1,14 +1,14 @@
-"""The model after the shaker has been shut off: each mode decays freely."""
+"""The shaker shut off: its force ends, and each mode decays freely."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from render_sim.excitation import Tones
+from render_sim.excitation import Sum, Tones
 from render_sim.modes import VibrationMode
 
-__all__ = ["ShutOff"]
+__all__ = ["ShutOff", "UntilOff"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,14 +21,14 @@ class ShutOff:
     ----------
     mode : VibrationMode
         Gives natural frequency and damping.
-    steady : Tones
+    steady : Tones or Sum
         Angle under the force [rad].
     off_s : float
         When the shaker is shut off, after the trigger [s].
     """
 
     mode: VibrationMode
-    steady: Tones
+    steady: Tones | Sum
     off_s: float
 
     def at(self, time_s: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -44,3 +44,24 @@ class ShutOff:
             angle * np.cos(damped * after) + pull * np.sin(damped * after)
         )
         return np.where(time_s < self.off_s, self.steady.at(time_s), free)
+
+
+@dataclass(frozen=True, eq=False)
+class UntilOff:
+    """The shaker's force, nothing once it is shut off.
+
+    Attributes
+    ----------
+    force : Tones
+        The force while it is on [N].
+    off_s : float
+        When the shaker is shut off, after the trigger [s].
+    """
+
+    force: Tones
+    off_s: float
+
+    def at(self, time_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the force [N] at the times `time_s` [s], of its shape."""
+        time_s = np.asarray(time_s, np.float64)
+        return np.where(time_s < self.off_s, self.force.at(time_s), 0.0)

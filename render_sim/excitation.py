@@ -1,19 +1,29 @@
-"""The shaker's force as a sum of tones: sine, modulated sine and band-limited random.
+"""The shaker's force as a sum of tones: sine, modulated sine, band-limited random, sine sweep.
 
 A sum of tones has exact values, derivatives and modal answers at any time, so video and
 acquisition see the same motion, each at its own times.
 """
 
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-__all__ = ["Tones", "modulated_sine", "peak_to_peak", "random_band", "sine"]
+__all__ = [
+    "Sum",
+    "Tones",
+    "modulated_sine",
+    "peak_to_peak",
+    "period_beyond",
+    "random_band",
+    "sine",
+    "sine_sweep",
+]
 
-RANDOM_PERIOD_S = 64.0
-"""Period after which a random excitation repeats [s]; longer than any record and its lead-in."""
+_SHORTEST_PERIOD_S = 64.0
+_FADE = 0.05  # of a sine sweep's time, at each end
 
 _DIRECT_BLOCK = 2_000_000
 _FEW_TONES = 8
@@ -102,6 +112,21 @@ class Tones:
         return np.resize(period, time_s.size)
 
 
+@dataclass(frozen=True, eq=False)
+class Sum:
+    """The sum of several signals; attributes and methods as of `Tones`."""
+
+    parts: tuple[Tones, ...]
+
+    def at(self, time_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the signal at any times; see `Tones.at`."""
+        return np.asarray(np.sum([part.at(time_s) for part in self.parts], axis=0))
+
+    def derivative(self, order: int = 1) -> "Sum":
+        """Return the time derivative of the given order."""
+        return Sum(tuple(part.derivative(order) for part in self.parts))
+
+
 def sine(frequency_hz: float, *, rng: np.random.Generator) -> Tones:
     """Return a sine of unit amplitude and random phase."""
     return Tones(np.array([frequency_hz]), _phasors(1, rng))
@@ -125,7 +150,7 @@ def modulated_sine(
     modulation_hz : float
         Modulation f_m [Hz]; the paper's is 0.25 Hz.
     depth : float
-        Depth m; 1 takes the force to zero once a period.
+        Depth m; 1 takes the force to zero once a period, beyond that its phase turns over.
     rng : Generator
         Draws both phases a and b.
 
@@ -140,16 +165,32 @@ def modulated_sine(
     return Tones(frequency, np.array([side * envelope.conjugate(), carrier, side * envelope]))
 
 
-def random_band(low_hz: float = 5.0, high_hz: float = 60.0, *, rng: np.random.Generator) -> Tones:
+def period_beyond(duration_s: float) -> float:
+    """Return a period [s] longer than a duration [s]: 64 s or twice, four times ... that."""
+    period = _SHORTEST_PERIOD_S
+    while period <= duration_s:
+        period *= 2
+    return period
+
+
+def random_band(
+    low_hz: float = 5.0,
+    high_hz: float = 60.0,
+    *,
+    period_s: float = _SHORTEST_PERIOD_S,
+    rng: np.random.Generator,
+) -> Tones:
     """Return Gaussian noise of a flat spectrum in a band, of unit variance.
 
-    Tones stand every 1/64 Hz from `low_hz` to `high_hz`, with independent complex Gaussian
-    amplitudes; the signal repeats after 64 s.
+    Tones stand every 1/period from `low_hz` to `high_hz`, with independent complex Gaussian
+    amplitudes; the signal repeats after the period.
 
     Parameters
     ----------
     low_hz, high_hz : float
         The band [Hz]; the paper's is 5 to 60 Hz.
+    period_s : float
+        Period after which the signal repeats [s].
     rng : Generator
         Draws the amplitudes.
 
@@ -158,11 +199,58 @@ def random_band(low_hz: float = 5.0, high_hz: float = 60.0, *, rng: np.random.Ge
     Tones
         The signal.
     """
-    bins = np.arange(np.ceil(low_hz * RANDOM_PERIOD_S), np.floor(high_hz * RANDOM_PERIOD_S) + 1)
+    bins = np.arange(np.ceil(low_hz * period_s), np.floor(high_hz * period_s) + 1)
     amplitude = (rng.standard_normal(bins.size) + 1j * rng.standard_normal(bins.size)) / np.sqrt(
         bins.size
     )
-    return Tones(bins / RANDOM_PERIOD_S, amplitude)
+    return Tones(bins / period_s, amplitude)
+
+
+def sine_sweep(
+    first_hz: float = 5.0,
+    last_hz: float = 60.0,
+    *,
+    law: Literal["linear", "logarithmic"] = "logarithmic",
+    time_s: float,
+    period_s: float,
+    rng: np.random.Generator,
+) -> Tones:
+    """Return a sine of unit amplitude whose frequency runs from one end of a band to the other.
+
+    It starts at the trigger, fades in and out over a twentieth of its time each, and is a Fourier
+    series of the period: with the modes' steady answers to its tones, the motion is exact, whatever
+    the rate of the sweep, as long as the modes come to rest before it comes round again. Tones
+    beyond the band's upper end, which only shape the fades, stop a quarter above it.
+
+    Parameters
+    ----------
+    first_hz, last_hz : float
+        Frequencies at the start and at the end [Hz]; the first may be the higher.
+    law : {"linear", "logarithmic"}
+        Whether the frequency runs evenly in hertz or in octaves.
+    time_s : float
+        How long it takes [s].
+    period_s : float
+        Period after which the signal repeats [s].
+    rng : Generator
+        Draws the phase at the start.
+
+    Returns
+    -------
+    Tones
+        The signal.
+    """
+    highest = 1.25 * max(first_hz, last_hz)
+    samples = 2 ** int(np.ceil(np.log2(8 * highest * period_s)))
+    time = np.arange(samples) * (period_s / samples)
+    time = time[time < time_s]
+    phase = _swept_phase(time, first_hz, last_hz, law=law, time_s=time_s)
+    edge = np.minimum(time, time_s - time) / (_FADE * time_s)
+    fade = np.sin(np.pi / 2 * np.minimum(edge, 1.0)) ** 2
+    signal = fade * np.cos(phase + np.angle(_phasors(1, rng)[0]))
+    spectrum = scipy.fft.rfft(signal, samples)[1 : int(highest * period_s) + 1]
+    bins = np.arange(1, spectrum.size + 1)
+    return Tones(bins / period_s, spectrum * (2 / samples))
 
 
 def peak_to_peak(
@@ -186,6 +274,23 @@ def peak_to_peak(
     """
     value = signal.at(start_s + np.arange(round(duration_s * rate_hz)) / rate_hz)
     return float(np.ptp(value))
+
+
+def _swept_phase(
+    time: NDArray[np.float64],
+    first_hz: float,
+    last_hz: float,
+    *,
+    law: Literal["linear", "logarithmic"],
+    time_s: float,
+) -> NDArray[np.float64]:
+    """Phase of a sine sweep [rad]: 2 pi times the integral of its frequency."""
+    if law == "linear":
+        turns = first_hz * time + (last_hz - first_hz) / (2 * time_s) * time**2
+    else:
+        growth = np.log(last_hz / first_hz) / time_s
+        turns = first_hz * np.expm1(growth * time) / growth
+    return np.asarray(2 * np.pi * turns)
 
 
 def _phasors(count: int, rng: np.random.Generator) -> NDArray[np.complex128]:

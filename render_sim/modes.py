@@ -5,16 +5,17 @@ inertial sensor (paper, Figures 3 and 4): in yaw about model z, nose to port pos
 nose up positive. A mode's angle is the rotation of the fuselage [rad], its generalised force the
 force's moment about the fixed point, its inertia the fuselage's about the same point:
 
-    J (theta'' + 2 zeta omega_r theta' + omega_r^2 theta) = (x_shaker - x_fixed) F
+    J (theta'' + 2 zeta omega_r theta' + omega_r^2 theta) = (x_shaker - x_fixed) (F + s F_other)
 
-A real sting is not quite symmetric: a mode may carry along a small turn in the other plane, about
-the same point and in phase. Its inertia is left out (the square of the share).
+A real sting is not quite symmetric: a mode may carry along a turn in the other plane, about the
+same point and in phase, the share s of its own. Then a force in the other plane drives it as well,
+by the same share (the law of reciprocity), and J counts both turns.
 
 The sting's part in the modal inertia is not known and left out: it would change the force that a
 level needs and nothing else, since levels are set by the balance moment.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib.resources import as_file, files
 from pathlib import Path
@@ -25,19 +26,22 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, Field
 
 from glint_aoa.setup import Section, load_section, positive, quantity
-from render_sim.excitation import Tones
+from render_sim.excitation import Sum, Tones
 
 __all__ = [
     "ModelSystem",
     "Plane",
     "VibrationMode",
     "balance_moment",
+    "joint_angles",
     "load_model_system",
     "modal_angles",
     "paper_model_system",
 ]
 
 Plane = Literal["yaw", "pitch"]
+
+_PLANES: tuple[Plane, Plane] = ("yaw", "pitch")
 
 _Inertia = Annotated[float, quantity("kg m^2"), positive]
 _Station = Annotated[float, quantity("m"), Field(allow_inf_nan=False)]
@@ -54,6 +58,10 @@ class VibrationMode(Section):
     out_of_plane: Annotated[float, Field(strict=True, gt=-1, lt=1)] = Field(
         0.0, description="turn in the other plane, nose up or to port, over that in its own"
     )
+
+    def share(self, plane: Plane) -> float:
+        """Return how far the mode turns in a plane, over its turn in its own."""
+        return 1.0 if plane == self.plane else self.out_of_plane
 
 
 def _by_frequency(modes: tuple[VibrationMode, ...]) -> tuple[VibrationMode, ...]:
@@ -90,18 +98,21 @@ class ModelSystem(Section):
         return self.yaw_inertia if plane == "yaw" else self.pitch_inertia
 
     def modal_inertia(self, mode: VibrationMode) -> float:
-        """Return the fuselage's inertia about the mode's fixed point [kg m^2]."""
+        """Return the fuselage's inertia about the mode's fixed point, both turns [kg m^2]."""
         arm = self.center_of_gravity - self.fixed_point(mode)
-        return self.inertia(mode.plane) + self.mass * arm**2
+        return sum(
+            mode.share(plane) ** 2 * (self.inertia(plane) + self.mass * arm**2) for plane in _PLANES
+        )
 
-    def balance_inertia(self, mode: VibrationMode) -> float:
-        """Return the balance moment per angular acceleration of `mode` [kg m^2].
+    def balance_inertia(self, mode: VibrationMode, plane: Plane) -> float:
+        """Return the balance moment in `plane` per angular acceleration of `mode` [kg m^2].
 
         Angular momentum of the fuselage about the balance moment centre, per angular rate of the
-        mode: I + m x_cg (x_cg - x_fixed).
+        mode: s (I + m x_cg (x_cg - x_fixed)), s being 1 in the mode's own plane.
         """
         arm = self.center_of_gravity - self.fixed_point(mode)
-        return self.inertia(mode.plane) + self.mass * self.center_of_gravity * arm
+        inertia = self.inertia(plane) + self.mass * self.center_of_gravity * arm
+        return mode.share(plane) * inertia
 
 
 def load_model_system(path: Path) -> ModelSystem:
@@ -127,31 +138,63 @@ def modal_angles(
     force : Tones
         Force at the shaker's station along model +y ("yaw") or +z ("pitch") [N].
     plane : "yaw" or "pitch"
-        Plane of the force; only modes of this plane move.
+        Plane of the force; only modes that turn in this plane answer.
 
     Returns
     -------
     list of (VibrationMode, Tones)
-        The modes of the plane by rising frequency, with their angles [rad].
+        These modes by rising frequency, with their angles [rad].
     """
     omega = 2 * np.pi * force.frequency_hz
     return [
-        (mode, replace(force, amplitude=force.amplitude * _receptance(system, mode, omega)))
-        for mode in system.modes_in(plane)
+        (mode, replace(force, amplitude=force.amplitude * _receptance(system, mode, omega, plane)))
+        for mode in system.mode
+        if mode.share(plane)
+    ]
+
+
+def joint_angles(
+    system: ModelSystem, forces: Mapping[Plane, Tones]
+) -> list[tuple[VibrationMode, Tones | Sum]]:
+    """Return each mode's steady-state answer to forces in one plane or both.
+
+    Parameters
+    ----------
+    system : ModelSystem
+        The modes and mass properties.
+    forces : mapping of "yaw" or "pitch" to Tones
+        Force at the shaker's station in each plane [N].
+
+    Returns
+    -------
+    list of (VibrationMode, Tones or Sum)
+        The modes that answer by rising frequency, with their angles [rad].
+    """
+    answers: dict[VibrationMode, list[Tones]] = {}
+    for plane, force in forces.items():
+        for mode, angle in modal_angles(system, force, plane):
+            answers.setdefault(mode, []).append(angle)
+    return [
+        (mode, answers[mode][0] if len(answers[mode]) == 1 else Sum(tuple(answers[mode])))
+        for mode in system.mode
+        if mode in answers
     ]
 
 
 def _receptance(
-    system: ModelSystem, mode: VibrationMode, omega: NDArray[np.float64]
+    system: ModelSystem, mode: VibrationMode, omega: NDArray[np.float64], plane: Plane
 ) -> NDArray[np.complex128]:
     omega_r = 2 * np.pi * mode.frequency
-    lever = system.shaker_station - system.fixed_point(mode)
+    lever = mode.share(plane) * (system.shaker_station - system.fixed_point(mode))
     stiffness = omega_r**2 - omega**2 + 2j * mode.damping * omega_r * omega
     return np.asarray(lever / (system.modal_inertia(mode) * stiffness), np.complex128)
 
 
 def balance_moment(
-    system: ModelSystem, force: Tones, angles: Sequence[tuple[VibrationMode, Tones]]
+    system: ModelSystem,
+    force: Tones,
+    angles: Sequence[tuple[VibrationMode, Tones]],
+    plane: Plane,
 ) -> Tones:
     """Return the balance moment about its centre, to first order in the motion.
 
@@ -166,6 +209,8 @@ def balance_moment(
         Force at the shaker's station [N].
     angles : sequence of (VibrationMode, Tones)
         Modal angles [rad] at the force's frequencies.
+    plane : "yaw" or "pitch"
+        Plane of the force and the moment.
 
     Returns
     -------
@@ -174,5 +219,5 @@ def balance_moment(
     """
     moment = system.shaker_station * force.amplitude
     for mode, angle in angles:
-        moment = moment - system.balance_inertia(mode) * angle.derivative(2).amplitude
+        moment = moment - system.balance_inertia(mode, plane) * angle.derivative(2).amplitude
     return replace(force, amplitude=moment)

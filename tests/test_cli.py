@@ -339,14 +339,24 @@ def test_correct_takes_the_bias_out_and_counts_the_rows_flagged(glint_aoa, here,
     assert header == "time_s,angle_deg,angle_std_deg,raw_angle_deg,bias_deg,flags"
 
 
-def test_benchmark_prints_table_4_and_leaves_the_sweep_out(glint_aoa, here, points):
+def without_fields(path, to):
+    """Copy a point as a single record of the channels."""
+    to.write_bytes(path.read_bytes())
+    with h5py.File(to, "a") as file:
+        del file["fields"]
+        file["meta"].attrs["run_kind"] = "record"
+    return to
+
+
+def test_benchmark_prints_table_4_and_leaves_sweeps_and_single_records_out(glint_aoa, here, points):
     given = [
         *(points / f"run-{k}.h5" for k in range(3)),
         *(points / f"sweep-{k}.h5" for k in (0, 1)),
+        without_fields(points / "run-1.h5", here / "single.h5"),
     ]
     code, out, err = glint_aoa("benchmark", *given, "-o", "res")
     assert code == 0
-    assert err == "left out: 2 points of a pitch sweep\n"
+    assert err == "left out: 3 points of a pitch sweep or of no run\n"
     assert re.search(r"^yaw +inertial corrected +[+-]0\.00", out, re.MULTILINE)
     assert "\n\nRepeatability with the shaker off" in out
     assert max(map(len, out.splitlines()[:-1])) <= 100
@@ -686,6 +696,20 @@ def test_where_a_sweep_goes_is_looked_at_before_it_is_measured(
     assert (code, stdout, err) == (2, "", f"glint-aoa: {sentence}\n")
     assert written(here) == ["glint-aoa.toml", "there.png"]
     assert (here / "glint-aoa.toml").read_text() == SETUP
+
+
+def test_benchmark_needs_points_of_runs(glint_aoa, here, points):
+    single = without_fields(points / "run-1.h5", here / "single.h5")
+    code, _, err = glint_aoa("benchmark", single, "-o", "res")
+    assert code == 2
+    assert err.endswith("all points are single records; give the points of runs at one angle\n")
+
+
+def test_correct_needs_no_fields(glint_aoa, here, points):
+    single = without_fields(points / "run-1.h5", here / "single.h5")
+    code, out, _ = glint_aoa("correct", single, "-o", "res")
+    assert code == 0
+    assert float(out.splitlines()[1].split()[2]) == pytest.approx(0, abs=0.002)
 
 
 @pytest.mark.parametrize(

@@ -13,9 +13,13 @@ from glint_aoa.flags import Flag, describe
 from glint_aoa.records.angles import FIELD_COLUMNS, LOG_COLUMNS
 from glint_aoa.records.fields import FieldInfo
 from glint_aoa.records.points import RecordedPoint, write_point
-from glint_aoa.setup import Setup, load_setup
+from glint_aoa.setup import InertialFilter, Setup, load_setup
 from glint_aoa.setup.section import keys_of
-from render_sim.campaign_file import load_campaign
+from render_sim.campaign_file import Campaign, Drift, Record, Run, Series, Sweep, load_campaign
+from render_sim.disturbance import Knock, LooseMass
+from render_sim.instruments import SensorErrors
+from render_sim.modes import ModelSystem, VibrationMode, load_model_system, paper_model_system
+from render_sim.package import InertialPackage
 from render_sim.scene import (
     Air,
     Body,
@@ -73,8 +77,41 @@ def test_files_names_every_key_of_the_setup():
 def test_the_campaign_of_the_documents_is_valid(tmp_path):
     (tmp_path / "test.toml").write_text(SIMULATION["# campaign"])
     campaign = load_campaign(tmp_path / "test.toml")
-    assert len(campaign.points) == 17
+    assert len(campaign.points) == 19
     assert campaign.scene == tmp_path / "scene.toml"
+
+
+def test_the_model_of_the_documents_is_valid(tmp_path):
+    (tmp_path / "model.toml").write_text(SIMULATION["# model"])
+    model, papers = load_model_system(tmp_path / "model.toml"), paper_model_system()
+    assert model.model_copy(update={"mode": ()}) == papers.model_copy(update={"mode": ()})
+    assert model.mode[0].radius == papers.modes_in("yaw")[0].radius
+    inside = "\n[model]\n" + SIMULATION["# model"].replace("[[mode]]", "[[model.mode]]")
+    (tmp_path / "test.toml").write_text(SIMULATION["# campaign"] + inside)
+    assert load_campaign(tmp_path / "test.toml").model == model
+
+
+def test_the_documents_name_every_key_of_a_campaign():
+    text = SIMULATION["# campaign"] + SIMULATION["# model"]
+    parts = (
+        Campaign,
+        Drift,
+        Sweep,
+        Run,
+        Series,
+        Record,
+        LooseMass,
+        Knock,
+        InertialPackage,
+        InertialFilter,
+        SensorErrors,
+        ModelSystem,
+        VibrationMode,
+    )
+    for part in parts:
+        for key in set(keys_of(part)) - {"model"}:
+            named = rf"(^|[{{,] ?)\[*(\w+\.)*{key}\b"
+            assert re.search(named, text, re.MULTILINE), f"{part.__name__}: {key}"
 
 
 def test_the_scene_of_the_documents_names_every_key_and_is_the_papers(tmp_path):
@@ -131,9 +168,6 @@ def test_the_setup_of_the_demo_is_that_of_the_scene():
 
 
 def test_the_simulated_modes_are_those_of_the_setup():
-    from render_sim.modes import paper_model_system
-    from render_sim.scene import paper_scene
-
     setup, system = (
         load_setup(ROOT / "glint_aoa" / "data" / "paper-test.toml"),
         paper_model_system(),

@@ -104,3 +104,17 @@ def test_what_it_lacks_is_said():
     only = {k: v for k, v in task.record.channels.items() if k == "aoa"}
     bare = replace(task, record=replace(task.record, channels=only))
     assert harmonic.missing(bare) == "an accelerometer at the package along model y or z"
+
+
+@pytest.mark.parametrize("share", [0.08, 1.0])
+def test_a_mode_that_turns_in_both_planes_is_one_line(share):
+    """A sine in both planes, in phase; the points of rotation lie within an inch."""
+    yaw = rigid_body.sine(1, bias_deg=0.15, duration_s=16.0)
+    nodding = rigid_body.Motion(yaw.time_s, {2: share * yaw.angles[1]})
+    record = rigid_body.record(rigid_body.together(yaw, nodding), rng=np.random.default_rng(1))
+    record = servoed(record)
+    (line,) = (each for each in harmonic.harmonic_lines(task_of(record)) if each.is_seen)
+    radius = rigid_body.TABLE[1][2]
+    assert line.inverse_radius == pytest.approx(1 / radius, rel=0.02)
+    left, _ = left_and_std(record, harmonic.estimate_bias(task_of(record)))
+    assert np.max(np.abs(left)) < 0.001

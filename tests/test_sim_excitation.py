@@ -1,9 +1,20 @@
 import numpy as np
 import pytest
+import scipy.signal
 from hypothesis import given
 from hypothesis import strategies as st
 
-from render_sim.excitation import Tones, modulated_sine, peak_to_peak, random_band, sine
+from render_sim.excitation import (
+    Sum,
+    Tones,
+    modulated_sine,
+    peak_to_peak,
+    period_beyond,
+    random_band,
+    sine,
+    sine_sweep,
+)
+from render_sim.modes import modal_angles, paper_model_system
 
 
 @pytest.fixture
@@ -102,3 +113,73 @@ def test_seeds_reproduce():
     first, again, other = (random_band(rng=np.random.default_rng(s)) for s in (1, 1, 2))
     assert np.array_equal(first.amplitude, again.amplitude)
     assert not np.array_equal(first.amplitude, other.amplitude)
+
+
+@pytest.mark.parametrize(("duration", "period"), [(16.0, 64.0), (64.0, 128.0), (98.0, 128.0)])
+def test_a_period_is_longer_than_what_it_is_for(duration, period):
+    assert period_beyond(duration) == period
+
+
+def test_random_of_a_long_period_keeps_band_and_variance(rng):
+    signal = random_band(5.0, 60.0, period_s=128.0, rng=rng)
+    assert signal.frequency_hz.size == 55 * 128 + 1
+    time = np.array([0.3, 64.3, 128.3])
+    value = signal.at(time)
+    assert abs(value[1] - value[0]) > 1e-3
+    assert value[2] == pytest.approx(value[0], abs=1e-9)
+    assert (np.abs(signal.amplitude) ** 2).sum() / 2 == pytest.approx(1.0, abs=0.06)
+
+
+SWEEPS = [(5.0, 60.0, "linear"), (5.0, 60.0, "logarithmic"), (40.0, 8.0, "logarithmic")]
+
+
+@pytest.mark.parametrize(("first", "last", "law"), SWEEPS)
+def test_sweep_goes_from_end_to_end_by_its_law(first, last, law):
+    swept = sine_sweep(
+        first, last, law=law, time_s=12.0, period_s=64.0, rng=np.random.default_rng(2)
+    )
+    time = np.arange(12 * 6400) / 6400
+    analytic = scipy.signal.hilbert(swept.at(time))
+    turning = np.gradient(np.unwrap(np.angle(analytic)), time) / (2 * np.pi)
+    inner = (time > 1) & (time < 11)
+    share = time / 12
+    law_hz = {
+        "linear": first + (last - first) * share,
+        "logarithmic": first * (last / first) ** share,
+    }[law]
+    np.testing.assert_allclose(turning[inner], law_hz[inner], rtol=0.01)
+    np.testing.assert_allclose(np.abs(analytic)[inner], 1.0, atol=0.01)
+
+
+def test_sweep_is_still_before_and_after():
+    swept = sine_sweep(time_s=12.0, period_s=64.0, rng=np.random.default_rng(2))
+    assert np.abs(swept.at(np.linspace(-10, -0.1, 500))).max() < 1e-3
+    assert np.abs(swept.at(np.linspace(12.1, 50, 500))).max() < 1e-3
+
+
+def test_modes_answer_a_sweep_as_an_oscillator_at_rest_before():
+    """Independent route: the oscillator's equation, integrated from rest."""
+    system = paper_model_system()
+    swept = sine_sweep(5.0, 40.0, time_s=8.0, period_s=64.0, rng=np.random.default_rng(2))
+    rate = 12800.0
+    time = np.arange(round(9 * rate)) / rate
+    force = swept.at(time)
+    for mode, angle in modal_angles(system, swept, "yaw"):
+        omega = 2 * np.pi * mode.frequency
+        lever = system.shaker_station - system.fixed_point(mode)
+        oscillator = (
+            [lever / system.modal_inertia(mode)],
+            [1.0, 2 * mode.damping * omega, omega**2],
+        )
+        _, expected, _ = scipy.signal.lsim(oscillator, force, time)
+        np.testing.assert_allclose(angle.at(time), expected, atol=2e-4 * np.abs(expected).max())
+
+
+def test_a_sum_has_the_values_and_derivatives_of_its_parts():
+    one, other = Tones(np.array([9.2]), np.array([1 + 2j])), Tones(np.array([30.0]), np.array([1j]))
+    time = np.linspace(0, 1, 7)
+    joint = Tones(np.array([9.2, 30.0]), np.array([1 + 2j, 1j]))
+    np.testing.assert_allclose(Sum((one, other)).at(time), joint.at(time), atol=1e-13)
+    np.testing.assert_allclose(
+        Sum((one, other)).derivative(2).at(time), joint.derivative(2).at(time), rtol=1e-12
+    )

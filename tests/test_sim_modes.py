@@ -10,6 +10,7 @@ from render_sim.excitation import Tones
 from render_sim.modes import (
     ModelSystem,
     balance_moment,
+    joint_angles,
     load_model_system,
     modal_angles,
     paper_model_system,
@@ -64,13 +65,51 @@ def test_inertias_follow_from_the_parallel_axis_theorem():
     mode = system.modes_in("pitch")[0]
     arm = system.center_of_gravity - system.fixed_point(mode)
     assert system.modal_inertia(mode) == pytest.approx(10.2 + 75 * arm**2)
-    assert system.balance_inertia(mode) == pytest.approx(10.2 + 75 * 0.334 * arm)
+    assert system.balance_inertia(mode, "pitch") == pytest.approx(10.2 + 75 * 0.334 * arm)
+
+
+def _upright(system):
+    """The system with each mode in its own plane alone."""
+    modes = tuple(mode.model_copy(update={"out_of_plane": 0.0}) for mode in system.mode)
+    return system.model_copy(update={"mode": modes})
 
 
 @pytest.mark.parametrize("plane", ["yaw", "pitch"])
 def test_only_modes_of_the_plane_answer(plane):
-    answer = modal_angles(paper_model_system(), _tone(9.5), plane)
+    answer = modal_angles(_upright(paper_model_system()), _tone(9.5), plane)
     assert [mode.plane for mode, _ in answer] == [plane] * 3
+
+
+def test_a_mode_that_turns_in_both_planes_counts_both():
+    system = paper_model_system()
+    mode = system.modes_in("yaw")[0]
+    assert mode.out_of_plane == 0.08
+    arm = system.center_of_gravity - system.fixed_point(mode)
+    both = 10.4 + 75 * arm**2 + 0.08**2 * (10.2 + 75 * arm**2)
+    assert system.modal_inertia(mode) == pytest.approx(both)
+    assert system.balance_inertia(mode, "pitch") == pytest.approx(0.08 * (10.2 + 75 * 0.334 * arm))
+
+
+def test_what_a_mode_answers_in_one_plane_it_answers_in_the_other():
+    """Reciprocity: force across and motion along equals force along and motion across."""
+    system = paper_model_system()
+    along = dict(modal_angles(system, _tone(9.5), "yaw"))
+    across = dict(modal_angles(system, _tone(9.5), "pitch"))
+    for mode in system.modes_in("yaw"):
+        turned = mode.out_of_plane * along[mode].amplitude
+        np.testing.assert_allclose(across[mode].amplitude, turned, rtol=1e-12)
+
+
+def test_forces_in_both_planes_add_in_a_mode():
+    system = paper_model_system()
+    forces = {"yaw": _tone(9.5, 2.0), "pitch": _tone(11.0, -3.0)}
+    time = np.linspace(0, 1, 9)
+    for mode, angle in joint_angles(system, forces):
+        parts = [
+            dict(modal_angles(system, force, plane)).get(mode) for plane, force in forces.items()
+        ]
+        expected = sum(part.at(time) for part in parts if part is not None)
+        np.testing.assert_allclose(angle.at(time), expected, atol=1e-18)
 
 
 def test_resonance_and_static_limit_in_closed_form():
@@ -96,12 +135,13 @@ def test_answer_satisfies_the_equation_of_motion():
             + 2 * mode.damping * omega * angle.derivative().at(time)
             + omega**2 * angle.at(time)
         )
-        outer = (system.shaker_station - system.fixed_point(mode)) * force.at(time)
+        lever = mode.share("pitch") * (system.shaker_station - system.fixed_point(mode))
+        outer = lever * force.at(time)
         np.testing.assert_allclose(inner, outer, rtol=0, atol=1e-11)
 
 
 def test_balance_feels_the_shaker_alone_when_nothing_moves():
-    moment = balance_moment(paper_model_system(), _tone(9.8, 2.0), [])
+    moment = balance_moment(paper_model_system(), _tone(9.8, 2.0), [], "yaw")
     assert moment.amplitude[0] == pytest.approx(2.0 * 36 * 0.0254)
 
 
@@ -110,7 +150,7 @@ def test_largest_first_mode_moment_gives_the_bias_of_the_paper():
     system = paper_model_system()
     force = _tone(9.8)
     mode, angle = modal_angles(system, force, "yaw")[0]
-    moment = balance_moment(system, force, modal_angles(system, force, "yaw"))
+    moment = balance_moment(system, force, modal_angles(system, force, "yaw"), "yaw")
     level = 5000 * 0.112984829 / (2 * abs(moment.amplitude[0]))
     speed = level * abs(angle.derivative().amplitude[0]) * mode.radius
     assert np.rad2deg(speed**2 / (2 * mode.radius * 9.80665)) == pytest.approx(0.19, abs=0.01)

@@ -12,7 +12,8 @@ from render_sim.scene import paper_scene
 
 G = 9.80665
 SYSTEM = paper_model_system()
-MODES = {mode.number: mode for mode in SYSTEM.mode}
+MODES = {m.number: m.model_copy(update={"out_of_plane": 0.0}) for m in SYSTEM.mode}
+"""Each turning in its own plane alone, so that there are closed forms."""
 STATIC = StaticMotion(paper_scene(), np.deg2rad(4.3))
 
 

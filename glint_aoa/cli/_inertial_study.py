@@ -8,8 +8,8 @@ from glint_aoa.inertial_benchmark import StudyRecord
 from glint_aoa.records.acquisition import AcquisitionRecord
 from glint_aoa.units import convert
 from render_sim.acquisition import Recording, acquire
-from render_sim.decay import ShutOff
-from render_sim.excitation import Tones, modulated_sine, peak_to_peak, random_band, sine
+from render_sim.campaign import load_campaign, point_acquisition
+from render_sim.excitation import Tones, peak_to_peak, random_band, sine
 from render_sim.modal_motion import ModalMotion
 from render_sim.modes import ModelSystem, balance_moment, modal_angles, paper_model_system
 from render_sim.motion import StaticMotion
@@ -23,7 +23,16 @@ DAS_CHANNELS = ("aoa_unfiltered", "aoa_filtered", "ay_face", "az_face")
 _IN_LB = convert("in*lbf", "N*m")
 _LEVELS = 6  # of figures 14 and 15
 _OVERSAMPLING = 4  # of 800 Hz: motion to 60 Hz differentiates to 1e-6
-_ON_S, _RECORD_S, _RANDOM_S = 14.0, 12.0, 13.5  # 8 s are left when the low-pass has settled
+_RECORD_S = 12.0  # 8 s are left when the low-pass has settled
+_RECORDS = {
+    11: "yaw-9.8hz-shaker-off",
+    12: "yaw-19.5hz-shaker-off",
+    13: "yaw-29.8hz-shaker-off",
+    16: "pitch-9.2hz-modulated",
+    17: "pitch-5-60hz-random",
+}
+"""Records of the paper's campaign, by figure."""
+
 _LARGEST = {"yaw": 0.146, "pitch": 0.175}  # bias of figures 14 and 15 [deg]
 _SURVEY_STATION_M = 0.45  # of the shaker; ahead, it drives modes 3 and 4 next to their rest points
 _SURVEY_S = 96.0
@@ -45,20 +54,26 @@ def study_records(figure: int, *, seed: int = 0) -> list[StudyRecord]:
     list of StudyRecord
         One for each level, rising.
     """
+    if figure in _RECORDS:
+        return [_of_campaign(_RECORDS[figure], seed)]
     rng = np.random.default_rng([seed, figure])
-    if figure in (11, 12, 13):
-        frequency, moment = {11: (9.8, 4300.0), 12: (19.5, 600.0), 13: (29.8, 2400.0)}[figure]
-        return [_recorded("yaw", sine(frequency, rng=rng), moment, rng, off_s=_ON_S)]
-    if figure in (14, 15):
-        plane: Plane = "yaw" if figure == 14 else "pitch"
-        shape = sine(9.8 if plane == "yaw" else 9.2, rng=rng)
-        top = _moment_of_bias(plane, shape, rng)
-        levels = np.arange(1, _LEVELS + 1) / _LEVELS * top
-        return [_recorded(plane, shape, float(level), rng) for level in levels]
-    if figure == 16:
-        shape = modulated_sine(9.2, modulation_hz=0.25, rng=rng)
-        return [_recorded("pitch", shape, 4300.0, rng, duration_s=_RANDOM_S)]
-    return [_recorded("pitch", random_band(rng=rng), 5200.0, rng, duration_s=_RANDOM_S)]
+    plane: Plane = "yaw" if figure == 14 else "pitch"
+    shape = sine(9.8 if plane == "yaw" else 9.2, rng=rng)
+    top = _moment_of_bias(plane, shape, rng)
+    levels = np.arange(1, _LEVELS + 1) / _LEVELS * top
+    return [_recorded(plane, shape, float(level), rng) for level in levels]
+
+
+def _of_campaign(name: str, seed: int) -> StudyRecord:
+    """Simulate the channels of one of the paper's campaign's records."""
+    campaign = load_campaign("paper")
+    point = next(point for point in campaign.points if point.name == name)
+    acquired = point_acquisition(campaign, point, seed=seed)
+    return StudyRecord(
+        AcquisitionRecord(name, acquired.channels),
+        static_deg=float(acquired.truth["static_pitch_deg"][0]),
+        off_s=None if point.series is None else point.series.shaker_off,
+    )
 
 
 def survey_shapes(*, seed: int = 0) -> list[ModeShape]:
@@ -96,24 +111,15 @@ def _moment_of_bias(plane: Plane, shape: Tones, rng: np.random.Generator) -> flo
 
 
 def _recorded(
-    plane: Plane,
-    shape: Tones,
-    moment_in_lb: float,
-    rng: np.random.Generator,
-    *,
-    duration_s: float = _RECORD_S,
-    off_s: float | None = None,
+    plane: Plane, shape: Tones, moment_in_lb: float, rng: np.random.Generator
 ) -> StudyRecord:
     """Scale a shaker signal to a balance moment, peak to peak, and record it."""
     system = paper_model_system()
-    moment = balance_moment(system, shape, modal_angles(system, shape, plane))
-    level = moment_in_lb * _IN_LB / peak_to_peak(moment, duration_s=duration_s)
-    length = duration_s if off_s is None else 2 * off_s
+    moment = balance_moment(system, shape, modal_angles(system, shape, plane), plane)
+    level = moment_in_lb * _IN_LB / peak_to_peak(moment, duration_s=_RECORD_S)
     name = f"{plane}-{moment_in_lb:.0f}"
-    record = _acquired(
-        system, plane, shape.scaled(level), rng, duration_s=length, name=name, off_s=off_s
-    )
-    return StudyRecord(record, static_deg=0.0, off_s=off_s)
+    record = _acquired(system, plane, shape.scaled(level), rng, duration_s=_RECORD_S, name=name)
+    return StudyRecord(record, static_deg=0.0)
 
 
 def _acquired(
@@ -124,23 +130,14 @@ def _acquired(
     *,
     duration_s: float,
     name: str,
-    off_s: float | None = None,
 ) -> AcquisitionRecord:
     static = StaticMotion(paper_scene(), 0.0)
-    angles = modal_angles(system, force, plane)
-    if off_s is None:
-        motion = ModalMotion(static, system, angles)
-    else:
-        decaying = [(mode, ShutOff(mode, angle, off_s)) for mode, angle in angles]
-        motion = ModalMotion(static, system, decaying)
-    recording = Recording(duration_s=duration_s, oversampling=_OVERSAMPLING)
     acquired = acquire(
         system,
-        motion,
+        ModalMotion(static, system, modal_angles(system, force, plane)),
         static,
-        force=force if off_s is None else None,
-        plane=plane,
-        recording=recording,
+        forces={plane: force},
+        recording=Recording(duration_s=duration_s, oversampling=_OVERSAMPLING),
         rng=rng,
     )
     return AcquisitionRecord(name, acquired.channels)

@@ -43,7 +43,7 @@ def benchmark(
 
     Each run must start and end with the shaker off; the mean of the two is subtracted from its
     other points, which is their error. Give the points of a run in the order in which they were
-    taken. Points of a pitch sweep are left out.
+    taken. Points of a pitch sweep and single records are left out.
 
     Writes the results of each point as process does, errors.csv, table4.csv, repeatability.csv
     and a picture of the errors against the balance moment.
@@ -64,7 +64,10 @@ def benchmark(
         typer.echo("\nWrote " + ", ".join(str(path) for path in summary["files"]))
         tell_flagged(compared)
         if len(compared) < len(points):
-            typer.echo(f"left out: {len(points) - len(compared)} points of a pitch sweep", err=True)
+            typer.echo(
+                f"left out: {len(points) - len(compared)} points of a pitch sweep or of no run",
+                err=True,
+            )
     if strict and any(point.flags for point in compared):
         raise typer.Exit(3)
 

@@ -46,6 +46,9 @@ _LAG = 0.5
 _CONTRADICTION = 0.25
 """Relative difference from a surveyed inverse radius beyond which neither is trusted."""
 
+_ONE_MOTION = 0.99
+"""Cosine between the second harmonics of two planes from which on one mode turns in both."""
+
 _OUT_OF_PHASE = 2.0
 """Error in phase of a line over its part out of phase: that of two modes in quadrature."""
 
@@ -64,7 +67,8 @@ class HarmonicLine:
     resonance : Resonance
         The mode, in the tangential acceleration.
     square : ndarray [sample]
-        Squared velocity of the accelerometer around it [(m/s)^2].
+        Squared velocity of the accelerometer around it [(m/s)^2]; of those of both planes, where
+        one mode turns in both.
     transfer : complex
         Output per `square` around twice the frequency, the servo's lag taken out [1/m]; -1 / rho
         for a mode.
@@ -194,7 +198,9 @@ def harmonic_lines(task: CorrectionTask) -> list[HarmonicLine]:
     Notes
     -----
     Least squares of the output's Hann-windowed spectrum on those of the squared velocities, over
-    the bins within 16 % of any second harmonic.
+    the bins within 16 % of any second harmonic. A mode that turns in both planes, in phase, has two
+    proportional spectra that no fit could tell apart: its squared velocities are added, and the
+    stronger plane names it.
     """
     rate_hz = task.package.channel.rate_hz
     sensors = _sensors(task)
@@ -210,6 +216,7 @@ def harmonic_lines(task: CorrectionTask) -> list[HarmonicLine]:
     near = np.zeros(bins.size, bool)
     for _, each, _ in found:
         near |= (bins > 2 * each.low_hz) & (bins < 2 * each.high_hz)
+    found = _joined(found, near)
     design = np.stack([_spectrum(square)[near] for _, _, square in found], axis=1)
     transfer, variance = _solve(design, _spectrum(task.package.specific_force)[near])
     leaks = {plane: _spectrum(sensor.acceleration)[near] for plane, sensor in sensors.items()}
@@ -224,6 +231,31 @@ def harmonic_lines(task: CorrectionTask) -> list[HarmonicLine]:
         )
         for index, (plane, each, square) in enumerate(found)
     ]
+
+
+def _joined(
+    found: list[tuple[Plane, Resonance, _Floats]], near: NDArray[np.bool_]
+) -> list[tuple[Plane, Resonance, _Floats]]:
+    """Add up the squares of resonances that are one mode's turns in both planes."""
+    left = sorted(found, key=lambda each: -float(np.mean(each[2])))
+    kept: list[tuple[Plane, Resonance, _Floats]] = []
+    while left:
+        plane, resonance, square = left.pop(0)
+        strong = _spectrum(square)[near]
+        alike = [
+            each
+            for each in left
+            if each[0] != plane and _cosine(strong, _spectrum(each[2])[near]) > _ONE_MOTION
+        ]
+        left = [each for each in left if all(each is not other for other in alike)]
+        kept.append((plane, resonance, square + sum(each[2] for each in alike)))
+    order = [id(resonance) for _, resonance, _ in found]
+    return sorted(kept, key=lambda each: order.index(id(each[1])))
+
+
+def _cosine(one: _Complex, other: _Complex) -> float:
+    """Cosine of the angle between two spectra; 1 where they are proportional and in phase."""
+    return float(np.vdot(one, other).real / (np.linalg.norm(one) * np.linalg.norm(other)))
 
 
 def servo_lag(frequency_hz: float) -> float:

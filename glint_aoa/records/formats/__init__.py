@@ -25,6 +25,7 @@ from glint_aoa.setup import Inertial
 
 __all__ = [
     "ACQUISITION_SUFFIXES",
+    "HDF5_SUFFIXES",
     "SUFFIXES",
     "channels_beside",
     "open_acquisition",
@@ -97,7 +98,9 @@ _ACQUISITION_READERS: dict[str, _AcquisitionReader] = {
 ACQUISITION_SUFFIXES = tuple(_ACQUISITION_READERS)
 """Suffixes of the files that `open_acquisition` reads."""
 
-_HDF5_SUFFIXES = {".h5", ".hdf5"}
+HDF5_SUFFIXES = {".h5", ".hdf5"}
+"""Suffixes of recorded points."""
+
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _USER_BLOCK = 512  # of MATLAB's, before what is HDF5
 _FIRST_DATA_SET = re.compile(rb"\A\s*-1[ ]*\r?\n[ ]*\d{1,5}b?\b")
@@ -164,7 +167,7 @@ def channels_beside(recording: str | Path) -> Path | None:
     for path in (recording, *(recording.with_suffix(suffix) for suffix in others)):
         if path.suffix.lower() not in others or not path.is_file():
             continue
-        if path.suffix.lower() not in _HDF5_SUFFIXES or has_acquisition(path):
+        if path.suffix.lower() not in HDF5_SUFFIXES or has_acquisition(path):
             return path
     return None
 

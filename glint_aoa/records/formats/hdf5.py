@@ -31,7 +31,14 @@ from glint_aoa.records.formats._hdf5_storage import check_inside, check_storage
 from glint_aoa.setup import Axis, Inertial
 from glint_aoa.units import convert
 
-__all__ = ["has_acquisition", "has_fields", "open_hdf5", "read_acquisition", "read_truth"]
+__all__ = [
+    "has_acquisition",
+    "has_fields",
+    "open_hdf5",
+    "read_acquisition",
+    "read_meta",
+    "read_truth",
+]
 
 MAX_TRUTH_BYTES = 1 << 30
 """What the truth of one point may take in memory [bytes]."""
@@ -144,6 +151,29 @@ def read_acquisition(path: str | Path, inertial: Inertial | None = None) -> Acqu
             for name, dataset in zip(group, datasets, strict=True)
         }
         return AcquisitionRecord(path.stem, channels, _meta(path, file))
+
+
+def read_meta(path: str | Path) -> dict[str, object]:
+    """Read what a recorded point says of itself, whether it holds fields, channels or both.
+
+    Parameters
+    ----------
+    path : str or Path
+        The HDF5 file.
+
+    Returns
+    -------
+    dict of str to str, bool, number or list
+        The attributes of ``/meta``; empty where there is none.
+
+    Raises
+    ------
+    RecordingError
+        If the file is not HDF5 or is damaged.
+    """
+    path = Path(path)
+    with _opened(path) as file:
+        return _meta(path, file)
 
 
 def read_truth(path: str | Path) -> dict[str, NDArray[Any]]:
