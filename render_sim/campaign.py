@@ -4,18 +4,13 @@ Every point draws from random streams of its own, seeded by the seed and its nam
 the order nor the number of processes changes a single bit.
 """
 
-import contextlib
 import datetime
 import hashlib
 import importlib.metadata
-import multiprocessing
-import signal
-import threading
 from collections.abc import Iterator, Mapping
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
-from itertools import chain, starmap
+from itertools import chain
 from pathlib import Path
 from typing import Literal
 
@@ -27,6 +22,7 @@ from glint_aoa.records.acquisition import AcquisitionRecord
 from glint_aoa.records.formats.hdf5 import read_meta
 from glint_aoa.records.points import RecordedPoint, write_point
 from glint_aoa.units import convert
+from glint_aoa.workers import Workers
 from render_sim.acquisition import Acquisition, Recording, acquire
 from render_sim.campaign_file import Campaign, Point, load_campaign, scene_of
 from render_sim.decay import ShutOff, UntilOff
@@ -346,7 +342,7 @@ def simulate_campaign(
         )
     write = partial(
         _write,
-        campaign,
+        campaign=campaign,
         out_dir=out_dir,
         scene=scene,
         renderer=renderer,
@@ -370,37 +366,14 @@ def _check_origin(path: Path, expected: dict[str, str | float | int]) -> None:
 
 
 def _written(write: "partial[Path]", points: tuple[Point, ...], jobs: int) -> Iterator[Path]:
-    if jobs == 1:
-        yield from starmap(write, zip(points, strict=True))
-        return
-    # a fresh interpreter for each: forking is unsafe once threads run or OpenGL is in use
-    fresh = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(jobs, mp_context=fresh) as pool:
-        try:
-            with _deaf_to_interrupts():
-                results = pool.map(write, points)
-            yield from results
-        finally:
-            pool.shutdown(wait=True, cancel_futures=True)
-
-
-@contextlib.contextmanager
-def _deaf_to_interrupts() -> Iterator[None]:
-    """Let processes that are started here ignore Ctrl-C, which is for the one that waits."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
+    with Workers(jobs) as workers:
+        yield from workers.map(write, points)
 
 
 def _write(
-    campaign: Campaign,
     point: Point,
     *,
+    campaign: Campaign,
     out_dir: Path,
     scene: Scene,
     renderer: RendererName,

@@ -6,9 +6,11 @@ from typing import Annotated
 import typer
 
 from glint_aoa.cli._common import (
+    Jobs,
     Json,
     Out,
     Overwrite,
+    Resume,
     bar,
     check_folder,
     check_new_files,
@@ -46,12 +48,8 @@ def simulate(
     seed: Annotated[
         int, typer.Option(min=0, metavar="N", help="The same seed gives the same bits.")
     ] = 0,
-    jobs: Annotated[
-        int, typer.Option(min=1, metavar="N", help="Processes that share the points.")
-    ] = 1,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Go on where an interrupted run stopped.")
-    ] = False,
+    jobs: Jobs = 1,
+    resume: Resume = False,
     overwrite: Overwrite = False,
     as_json: Json = False,
 ) -> None:
