@@ -16,7 +16,7 @@ from glint_aoa.benchmark import BenchmarkPoint, check_runs, moment_peak_to_peak_
 from glint_aoa.errors import InputError, RecordingError
 from glint_aoa.inertial.correct import correct
 from glint_aoa.inertial.static import static_angle
-from glint_aoa.process import process_point
+from glint_aoa.process import load_sweep, measure_point, process_point
 from glint_aoa.records.acquisition import AcquisitionRecord
 from glint_aoa.records.angles import check_new_results, log_result
 from glint_aoa.records.conditioning import prepared
@@ -25,7 +25,13 @@ from glint_aoa.records.formats.hdf5 import read_meta
 from glint_aoa.setup import Setup
 from glint_aoa.workers import Workers
 
-__all__ = ["calibrate_sweep", "check_sweep", "compare_points"]
+__all__ = [
+    "announced_point",
+    "calibrate_sweep",
+    "check_sweep",
+    "compare_point",
+    "compare_points",
+]
 
 _SAME_ANGLE_DEG = 0.1  # a run whose nominal angles differ by more is a sweep
 
@@ -183,7 +189,7 @@ def compare_points(
     of_runs = [path for path in map(Path, paths) if not _is_record(path)]
     if paths and not of_runs:
         raise InputError("all points are single records; give the points of runs at one angle")
-    told = {path: _announced(path, open_fields(path).meta) for path in of_runs}
+    told = {path: announced_point(path, open_fields(path).meta) for path in of_runs}
     sweeps = _sweeps(told.values())
     in_runs = {path: point for path, point in told.items() if point.run not in sweeps}
     if sweeps and not in_runs:
@@ -199,7 +205,7 @@ def compare_points(
         check = partial(_check_point, setup=setup, new_in=None if overwrite else out)
         for _ in workers.map(check, in_runs):
             pass
-        compare = partial(_compare_point, setup=setup, out=out, overwrite=overwrite)
+        compare = partial(compare_point, setup=setup, out=out, overwrite=overwrite)
         compared = workers.map(compare, in_runs.items())
         for path in map(Path, paths):
             if path in in_runs:
@@ -233,13 +239,47 @@ def _check_point(path: Path, *, setup: Setup, new_in: Path | None) -> None:
         check_new_results(new_in, path.stem)
 
 
-def _compare_point(
-    told: tuple[Path, BenchmarkPoint], *, setup: Setup, out: Path, overwrite: bool
+def compare_point(
+    told: tuple[Path, BenchmarkPoint],
+    *,
+    setup: Setup,
+    out: Path | None = None,
+    overwrite: bool = False,
 ) -> tuple[BenchmarkPoint, dict[str, Any]]:
-    """Return the point with its angles, and its row of the log."""
+    """Measure one point by both systems.
+
+    Parameters
+    ----------
+    told : (Path, BenchmarkPoint)
+        Recorded point with fields and acquisition channels, and what it says of itself.
+    setup : Setup
+        The setup; the inertial angle is corrected if it lists modes.
+    out : Path, optional
+        Folder of the optical results, but for the log; none are written if not given.
+    overwrite : bool, optional
+        Whether results of the same names may be replaced.
+
+    Returns
+    -------
+    point : BenchmarkPoint
+        With moment, angles and intercepts.
+    row : dict
+        Its row of the log.
+
+    Raises
+    ------
+    InputError
+        If the recording or the setup cannot be used.
+    """
     path, announced = told
     record = open_acquisition(path, setup.inertial)
-    row = process_point(path, setup, out, acquisition=record, overwrite=overwrite, to_log=False).log
+    if out is None:
+        sweep = load_sweep(setup)
+        row = measure_point(open_fields(path), setup, sweep=sweep, acquisition=record).log
+    else:
+        row = process_point(
+            path, setup, out, acquisition=record, overwrite=overwrite, to_log=False
+        ).log
     raw, corrected = _inertial_angles(prepared(record), setup)
     point = replace(
         announced,
@@ -265,8 +305,28 @@ def _inertial_angles(record: AcquisitionRecord, setup: Setup) -> tuple[float, fl
     return raw, corrected
 
 
-def _announced(path: Path, meta: Mapping[str, object]) -> BenchmarkPoint:
-    """Read from the point's description what run it is of and what the shaker did; no angles."""
+def announced_point(path: Path, meta: Mapping[str, object]) -> BenchmarkPoint:
+    """Read from a point's description what run it is of and what the shaker did; no angles.
+
+    Parameters
+    ----------
+    path : Path
+        The point, for messages.
+    meta : mapping
+        Its description.
+
+    Returns
+    -------
+    BenchmarkPoint
+        Its angles are NaN.
+
+    Raises
+    ------
+    RecordingError
+        If it does not say run, point and excitation.
+    InputError
+        If plane or kind of the excitation are not known.
+    """
     missing = [key for key in ("run", "point", "excitation") if key not in meta]
     if missing:
         raise RecordingError(

@@ -25,6 +25,7 @@ __all__ = [
     "StudyRecord",
     "Table1Row",
     "figure_row",
+    "shift",
     "table_1",
 ]
 
@@ -253,6 +254,40 @@ def table_1(shapes: Sequence[ModeShape], sensor_station_m: float) -> list[Table1
     return rows
 
 
+def shift(result: Correction, each: StudyRecord) -> tuple[float, float]:
+    """Angle with the shaker on less that after it stopped, as figures 11 to 13 show it.
+
+    Parameters
+    ----------
+    result : Correction
+        Of the record.
+    each : StudyRecord
+        When the shaker stopped; 3 s to either side of that are left out.
+
+    Returns
+    -------
+    raw, corrected : float
+        Shift of the uncorrected and of the corrected mean angle [deg].
+
+    Raises
+    ------
+    InputError
+        If nothing settled is left on one of the sides.
+    """
+    settled = (result.flags & int(Flag.FILTER_SETTLING)) == 0
+    off = np.inf if each.off_s is None else each.off_s
+    margin = _DECAYED_S / 2
+    on = settled & (result.time_s < off - margin)
+    after = settled & (result.time_s > off + margin)
+    if not (on.any() and after.any()):
+        raise InputError(
+            f"{each.record.name}: too short on either side of the shaker's shut-off; record longer"
+        )
+    angles = np.array([result.raw_angle_deg, result.angle_deg])
+    raw, corrected = angles[:, on].mean(axis=1) - angles[:, after].mean(axis=1)
+    return float(raw), float(corrected)
+
+
 def _only(record: AcquisitionRecord, names: Sequence[str]) -> AcquisitionRecord:
     if not names:
         return record
@@ -261,24 +296,15 @@ def _only(record: AcquisitionRecord, names: Sequence[str]) -> AcquisitionRecord:
 
 def _statistic(statistic: Statistic, result: Correction, each: StudyRecord) -> tuple[float, float]:
     """Error of raw and corrected angle [deg] by the figure's statistic."""
+    if statistic == "shift":
+        return shift(result, each)
     settled = (result.flags & int(Flag.FILTER_SETTLING)) == 0
     errors = np.array([result.raw_angle_deg, result.angle_deg]) - each.static_deg
     if statistic == "mean":
         values = errors[:, settled].mean(axis=1)
-    elif statistic == "largest":
+    else:
         at = np.argmax(np.abs(errors[:, settled]), axis=1)
         values = errors[:, settled][[0, 1], at]
-    else:
-        off = np.inf if each.off_s is None else each.off_s
-        margin = _DECAYED_S / 2
-        on = settled & (result.time_s < off - margin)
-        after = settled & (result.time_s > off + margin)
-        if not (on.any() and after.any()):
-            raise InputError(
-                f"{each.record.name}: too short on either side of the shaker's shut-off; "
-                "record longer"
-            )
-        values = errors[:, on].mean(axis=1) - errors[:, after].mean(axis=1)
     return float(values[0]), float(values[1])
 
 

@@ -65,6 +65,9 @@ COMMANDS = {
     "correct": "glint-aoa correct point-01.h5 --setup glint-aoa.toml --out corrected",
     "benchmark": "glint-aoa benchmark points/*.h5 --setup glint-aoa.toml --out results",
     "benchmark inertial": "glint-aoa benchmark inertial --out results",
+    "benchmark figures": (
+        "glint-aoa benchmark figures points/*.h5 --setup glint-aoa.toml --out figures"
+    ),
     "simulate": "glint-aoa simulate demo --out points --jobs 2",
     "twist": "glint-aoa twist wind-off.h5 wind-on.h5 --targets targets.csv --reference body",
     "uncertainty": "glint-aoa uncertainty glint-aoa.toml --angles -6,0,6 --out budget",

@@ -10,8 +10,8 @@ import typer
 
 from glint_aoa._version import __version__
 from glint_aoa.cli import calibrate
+from glint_aoa.cli._benchmark_command import BenchmarkCommand
 from glint_aoa.cli.benchmark import benchmark
-from glint_aoa.cli.benchmark_inertial import BenchmarkCommand
 from glint_aoa.cli.correct import correct
 from glint_aoa.cli.demo import demo
 from glint_aoa.cli.inspect import inspect

@@ -48,7 +48,8 @@ def benchmark(
     Writes the results of each point as process does, errors.csv, table4.csv, repeatability.csv
     and a picture of the errors against the balance moment.
 
-    ``benchmark inertial`` holds the inertial corrections against the paper, on simulated records.
+    ``benchmark inertial`` holds the inertial corrections against the paper, on simulated records;
+    ``benchmark figures`` makes the paper's figures.
 
     \b
     Example: glint-aoa benchmark points/*.h5 --setup glint-aoa.toml --out results

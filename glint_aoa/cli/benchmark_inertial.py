@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from typer.core import TyperCommand
 
 from glint_aoa.cli._common import (
     Json,
@@ -23,26 +22,13 @@ if TYPE_CHECKING:
     from glint_aoa.cli._regression_study import StudyRow
     from glint_aoa.inertial_benchmark import FigureRow, Table1Row
 
-__all__ = ["BenchmarkCommand", "benchmark_inertial"]
+__all__ = ["benchmark_inertial"]
 
 _FILES = ("inertial-table1.csv", "inertial-figures.csv", "inertial-tables23.csv")
 _METHODS = ("modal", "kinematic")
 _INCH = 0.0254
 _POOR = 2 / 3  # reduction below which the paper's own regression failed: there a warning will do
 _SENSOR_M = 0.9  # station of the simulated package
-
-
-class BenchmarkCommand(TyperCommand):
-    """The command ``benchmark``, whose first word may be ``inertial`` in place of points."""
-
-    def make_context(
-        self, info_name: Any, args: list[str], parent: Any = None, **extra: Any
-    ) -> Any:
-        """Hand over to ``benchmark inertial`` if that is asked for."""
-        if args[:1] != ["inertial"]:
-            return super().make_context(info_name, args, parent, **extra)
-        command = typer.main.get_command(_app)
-        return command.make_context(f"{info_name} inertial", args[1:], parent, **extra)
 
 
 def benchmark_inertial(
@@ -77,15 +63,6 @@ def benchmark_inertial(
             typer.echo("\nWrote " + ", ".join(str(out / name) for name in _FILES))
     if strict and not all(row["met"] for rows in found.values() for row in rows):
         raise typer.Exit(3)
-
-
-_app = typer.Typer(
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,
-    add_completion=False,
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
-)
-_app.command("inertial")(benchmark_inertial)
 
 
 def _study(seed: int) -> dict[str, list[dict[str, Any]]]:

@@ -1,0 +1,45 @@
+"""The command ``benchmark``, whose first word may name one of its studies in place of points."""
+
+from collections.abc import Callable
+from typing import Any
+
+import typer
+from typer.core import TyperCommand
+
+from glint_aoa.cli.benchmark_figures import benchmark_figures
+from glint_aoa.cli.benchmark_inertial import benchmark_inertial
+
+__all__ = ["BenchmarkCommand"]
+
+_STUDIES: dict[str, Callable[..., None]] = {
+    "inertial": benchmark_inertial,
+    "figures": benchmark_figures,
+}
+
+_NEED_POINTS = {"figures"}
+"""Studies that do nothing without arguments."""
+
+
+class BenchmarkCommand(TyperCommand):
+    """The command ``benchmark``; ``benchmark inertial`` and ``figures`` are others."""
+
+    def make_context(
+        self, info_name: Any, args: list[str], parent: Any = None, **extra: Any
+    ) -> Any:
+        """Hand over to a study if one is asked for."""
+        name = args[0] if args else ""
+        if name not in _STUDIES:
+            return super().make_context(info_name, args, parent, **extra)
+        command = _command(name)
+        return command.make_context(f"{info_name} {name}", args[1:], parent, **extra)
+
+
+def _command(name: str) -> Any:
+    app = typer.Typer(
+        pretty_exceptions_enable=False,
+        rich_markup_mode=None,
+        add_completion=False,
+        context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    )
+    app.command(name, no_args_is_help=name in _NEED_POINTS)(_STUDIES[name])
+    return typer.main.get_command(app)
