@@ -136,7 +136,7 @@ def _of_file(path: Path, scan: Scan, every: int | None, fields: Fields) -> Itera
         )
     image = _image(path) if suffix in _IMAGES else None
     if image is None:
-        yield from _of_recording(path, open_fields(path), scan, every, fields)
+        yield from _of_recording(path, open_fields(path, fields), scan, every, fields)
     elif scan == "interlaced":
         if len(image) % 2:
             raise CalibrationError(

@@ -58,7 +58,7 @@ def measure_at_rest(path: str | Path, setup: Setup) -> PointAtRest:
     InputError
         If the recording or the setup cannot be used.
     """
-    stack = open_fields(path)
+    stack = open_fields(path, setup.fields)
     result = measure_point(stack, _without_mark_place(setup))
     if not result.log["n_used"]:
         raise CalibrationError(f"{path}: no field could be measured; leave the point out")

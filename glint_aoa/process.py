@@ -220,7 +220,7 @@ def process_point(
     InputError
         If setup, recording or folder cannot be used; nothing that was there is lost.
     """
-    stack, out = open_fields(path), Path(out)
+    stack, out = open_fields(path, setup.fields), Path(out)
     if not overwrite:
         check_new_results(out, stack.name)
     result = measure_point(
@@ -454,6 +454,7 @@ def _provenance(
         "title": f"glint-aoa angles of {stack.name}",
         "glint_aoa_version": __version__,
         "recording": str(stack.path or ""),
+        "recording_notes": "; ".join(stack.notes),
         **point_identity(stack),
         "setup": setup.model_dump_json(),
         "setup_hash": setup.hash,

@@ -62,6 +62,7 @@ COMMANDS = {
     "calibrate check": (
         "glint-aoa calibrate check check-*.h5 --setup glint-aoa.toml --sweep sweep.toml"
     ),
+    "convert": ('glint-aoa convert clip.avi --channels clip.tdms --offset "12.5 ms" --out points'),
     "correct": "glint-aoa correct point-01.h5 --setup glint-aoa.toml --out corrected",
     "benchmark": "glint-aoa benchmark points/*.h5 --setup glint-aoa.toml --out results",
     "benchmark inertial": "glint-aoa benchmark inertial --out results",
@@ -432,7 +433,10 @@ def test_benchmark_names_a_point_without_a_glint(glint_aoa, points):
     ("name", "sentence"),
     [
         ("gone.h5", "no such file; check its name and folder"),
-        ("", "a folder, expected a file; give the recording inside it"),
+        (
+            "",
+            "a folder, expected PNG or TIFF pictures in it, .*, found none; give the recording .*",
+        ),
         ("nothing.npy", "an empty file; check that the recording was saved"),
         ("text.h5", "not an HDF5 file or damaged (.*); record or copy it again"),
         ("cut.h5", "not an HDF5 file or damaged (.*); record or copy it again"),

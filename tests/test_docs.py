@@ -12,6 +12,7 @@ from synthetic import line_fields
 from glint_aoa.flags import Flag, describe
 from glint_aoa.records.angles import FIELD_COLUMNS, LOG_COLUMNS
 from glint_aoa.records.fields import FieldInfo
+from glint_aoa.records.formats._beside import Beside
 from glint_aoa.records.points import RecordedPoint, write_point
 from glint_aoa.setup import InertialFilter, Setup, load_setup
 from glint_aoa.setup.section import keys_of
@@ -45,11 +46,12 @@ def blocks(path, language):
 SIMULATION = {
     text.split("\n", 1)[0]: text for text in blocks(ROOT / "docs" / "simulation.md", "toml")
 }
+BESIDE = "# beside a recording\n"
 SETUPS = [
     (path.name, text)
     for path in DOCUMENTS
     for text in blocks(path, "toml")
-    if text not in SIMULATION.values()
+    if text not in SIMULATION.values() and not text.startswith(BESIDE)
 ]
 
 
@@ -59,7 +61,7 @@ def test_setups_in_the_documents_are_valid(name, text):
 
 
 def test_files_names_every_key_of_the_setup():
-    (text,) = blocks(ROOT / "docs" / "files.md", "toml")
+    text, _ = blocks(ROOT / "docs" / "files.md", "toml")
 
     def missing(model, where=""):
         for key, field in model.model_fields.items():
@@ -72,6 +74,13 @@ def test_files_names_every_key_of_the_setup():
                 yield from missing(inner, f"{where}{key}.")
 
     assert list(missing(Setup)) == []
+
+
+def test_files_names_every_key_that_can_be_told_beside_a_recording():
+    _, text = blocks(ROOT / "docs" / "files.md", "toml")
+    told = Beside.model_validate(tomllib.loads(text))
+    assert text.startswith(BESIDE)
+    assert told.model_fields_set == set(Beside.model_fields)
 
 
 def test_the_campaign_of_the_documents_is_valid(tmp_path):

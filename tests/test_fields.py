@@ -166,7 +166,8 @@ def test_a_reader_that_gives_too_little_is_found_out():
 def test_open_fields_names_what_it_cannot_open(tmp_path):
     cases = {
         "missing.h5": "no such file; check its name and folder",
-        "folder.h5": "a folder, expected a file; give the recording inside it",
+        "folder.h5": "a folder, expected PNG or TIFF pictures in it, all of one kind, found none; "
+        "give the recording inside it, or a folder with the fields of one point",
         "empty.npy": "an empty file; check that the recording was saved",
         "clip.xyz": f"suffix .xyz, expected one of {', '.join(SUFFIXES)}; "
         "convert the recording or correct its name",

@@ -87,14 +87,94 @@ def test_tiled_pages(tmp_path):
     np.testing.assert_array_equal(open_fields(tmp_path / "a.tif").read(0, 2), fields)
 
 
-def test_colour_is_refused(tmp_path):
+def test_colour_becomes_luma_or_the_channel_that_is_told(tmp_path):
     path = tmp_path / "a.tif"
-    tifffile.imwrite(path, np.zeros((4, 8, 9, 3), np.uint8), photometric="rgb")
+    colour = np.random.default_rng(4).integers(0, 65536, (4, 8, 9, 3), np.uint16)
+    tifffile.imwrite(path, colour, photometric="rgb")
+    luma = np.rint(colour @ np.array([0.299, 0.587, 0.114], np.float32))
+    np.testing.assert_array_equal(read_all(path), luma)
+    for number, name in enumerate(["red", "green", "blue"]):
+        (tmp_path / "a.tif.toml").write_text(f'channel = "{name}"')
+        np.testing.assert_array_equal(read_all(path), colour[..., number])
+    assert open_fields(path).notes == ("colour: the blue channel was taken",)
+
+
+def test_colour_in_planes_is_refused(tmp_path):
+    path = tmp_path / "a.tif"
+    fields = np.zeros((4, 3, 8, 9), np.uint8)
+    tifffile.imwrite(path, fields, photometric="rgb", planarconfig="separate")
     assert_refused(
         path,
-        "page 0 is RGB with 3 samples a pixel, expected grey (MINISBLACK); "
+        "page 0 is RGB with 3 samples a pixel, expected grey (MINISBLACK) or RGB; "
         "export the recording again as grey",
     )
+
+
+def test_imagej_states_the_rate(tmp_path):
+    path, fields = tmp_path / "a.tif", noisy_fields()
+    words = {"axes": "TYX", "finterval": 20.0, "tunit": "ms"}
+    tifffile.imwrite(path, fields, imagej=True, metadata=words)
+    assert open_fields(path).info.rate_hz == 50.0
+    np.testing.assert_array_equal(read_all(path), fields)
+
+
+def test_ome_states_rate_and_bits(tmp_path):
+    path, fields = tmp_path / "a.ome.tif", noisy_fields(dtype=np.uint16)
+    words = {
+        "axes": "TYX",
+        "TimeIncrement": 0.5,
+        "TimeIncrementUnit": "ms",
+        "SignificantBits": 12,
+    }
+    tifffile.imwrite(path, fields, ome=True, photometric="minisblack", metadata=words)
+    stack = open_fields(path)
+    assert (stack.info.rate_hz, stack.white_level) == (2000.0, 4095)
+    np.testing.assert_array_equal(read_all(path), fields)
+
+
+@pytest.mark.parametrize("axes", ["CYX", "ZYX", "TYX"])
+@pytest.mark.parametrize("kind", ["imagej", "ome"])
+def test_a_sequence_by_any_name_is_one(tmp_path, axes, kind):
+    """Programs that do not ask call the images of a stack channels."""
+    path, fields = tmp_path / "a.tif", noisy_fields()
+    options = {kind: True, "metadata": {"axes": axes}}
+    tifffile.imwrite(path, fields, photometric="minisblack", **options)
+    np.testing.assert_array_equal(read_all(path), fields)
+
+
+@pytest.mark.parametrize(
+    ("shape", "axes", "sizes"),
+    [
+        ((5, 2, 6, 7), "TCYX", "2 channels, 1 depths and 5 times"),
+        ((5, 2, 6, 7), "TZYX", "1 channels, 2 depths and 5 times"),
+    ],
+)
+@pytest.mark.parametrize("who", ["ImageJ", "OME"])
+def test_what_is_no_single_sequence_is_refused(tmp_path, shape, axes, sizes, who):
+    path = tmp_path / "a.tif"
+    kind = {"imagej": True} if who == "ImageJ" else {"ome": True}
+    fields = np.zeros(shape, np.uint8)
+    tifffile.imwrite(path, fields, photometric="minisblack", metadata={"axes": axes}, **kind)
+    assert_refused(path, f"{who} says {sizes}, expected one sequence; ")
+
+
+def test_pages_in_other_files_are_not_followed(tmp_path):
+    path = tmp_path / "a.ome.tif"
+    words = {"axes": "TYX"}
+    tifffile.imwrite(path, noisy_fields(), ome=True, photometric="minisblack", metadata=words)
+    content = path.read_bytes()
+    path.write_bytes(
+        content.replace(b'SizeT="5"', b'SizeT="9"').replace(b'SizeZ="5"', b'SizeZ="9"')
+    )
+    assert_refused(path, "its description speaks of 9 images, the file has 5; others may lie in ")
+
+
+@pytest.mark.parametrize("text", ["<!DOCTYPE a>", '<!DOCTYPE a [<!ENTITY b "c">]>'])
+def test_a_description_with_entities_is_refused(tmp_path, text):
+    path = tmp_path / "a.ome.tif"
+    ome = f'<?xml version="1.0"?>{text}<OME><Image><Pixels SizeT="5"/></Image></OME>'
+    tifffile.imwrite(path, noisy_fields(), photometric="minisblack", description=ome, metadata=None)
+    assert_refused(path, "its OME description is not one (too long, or with entities); ")
 
 
 def test_inverted_grey_is_refused(tmp_path):

@@ -12,6 +12,7 @@ from glint_aoa._version import __version__
 from glint_aoa.cli import calibrate
 from glint_aoa.cli._benchmark_command import BenchmarkCommand
 from glint_aoa.cli.benchmark import benchmark
+from glint_aoa.cli.convert import convert
 from glint_aoa.cli.correct import correct
 from glint_aoa.cli.demo import demo
 from glint_aoa.cli.inspect import inspect
@@ -41,6 +42,7 @@ app.command("demo")(demo)
 app.command("inspect", no_args_is_help=True)(inspect)
 app.command("process", no_args_is_help=True)(process)
 app.add_typer(calibrate.app, name="calibrate")
+app.command("convert", no_args_is_help=True)(convert)
 app.command("correct", no_args_is_help=True)(correct)
 app.command("benchmark", cls=BenchmarkCommand, no_args_is_help=True)(benchmark)
 app.command("simulate", no_args_is_help=True)(simulate)

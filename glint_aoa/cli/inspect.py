@@ -1,5 +1,6 @@
 """``glint-aoa inspect``: what is in a recording."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -23,6 +24,9 @@ __all__ = ["inspect"]
 
 _LEVELS = 16  # bars of the exposure histogram
 _WIDTH = 28  # of the labels
+_DARK = 0.1  # of white
+_TOPS = {(1 << bits) - 1 for bits in range(9, 16)}
+_UNEQUAL = 0.2  # of a field period, as for the flag TIMING
 _UNITS = {
     "_hz": "Hz",
     "_s": "s",
@@ -37,7 +41,7 @@ def inspect(
         Path,
         typer.Argument(
             metavar="POINT",
-            help="File of a recorded point, or of an acquisition record.",
+            help="Recording of fields (a file, or a folder of pictures), or acquisition record.",
             show_default=False,
         ),
     ],
@@ -59,9 +63,11 @@ def inspect(
 ) -> None:
     """Say what a recording holds, and where its glint is.
 
-    Shape, timing, exposure, acquisition channels, and what was measured of the middle field. Of an
-    acquisition record (TDMS, UFF, MATLAB, CSV, HDF5), its channels. Of a modal survey (UFF with
-    mode shapes or frequency responses), effective radii and the modes for the setup.
+    Shape, timing, scan, exposure, acquisition channels, what was measured of the middle field, and
+    what is suspicious. Reads HDF5 points, AVI, MKV, MP4, Phantom .cine, Photron .mraw, TIFF,
+    folders of PNG, .npy, .npz and raw dumps; <FILE>.toml beside one tells what it does not say
+    itself. Of an acquisition record (TDMS, UFF, MATLAB, CSV, HDF5), its channels. Of a modal survey
+    (UFF with mode shapes or frequency responses), effective radii and the modes for the setup.
 
     \b
     Example: glint-aoa inspect point-01.h5 --setup glint-aoa.toml --png point-01.png
@@ -109,11 +115,13 @@ def _has_fields(recording: Path) -> bool:
 def _fields(recording: Path, settings: Any, png: Path | None, overwrite: bool) -> dict[str, Any]:
     from glint_aoa.records.formats import open_fields
 
-    stack = open_fields(recording)
+    stack = open_fields(recording, settings.fields)
+    sample = _sample(stack)
     return {
         **_shape(stack),
-        **_exposure(stack),
+        **_exposure(stack, sample),
         **_glint(stack, settings, png, overwrite),
+        "suspicious": list(_suspicious(stack, sample)),
     }
 
 
@@ -121,7 +129,7 @@ def _shape(stack: Any) -> dict[str, Any]:
     from dataclasses import asdict
 
     return {
-        "format": stack.path.suffix.lstrip("."),
+        "format": "folder" if stack.path.is_dir() else stack.path.suffix.lstrip(".").lower(),
         "fields": stack.n_fields,
         "columns": stack.n_columns,
         "lines": stack.n_lines,
@@ -129,6 +137,7 @@ def _shape(stack: Any) -> dict[str, Any]:
         "white_level": stack.white_level,
         **asdict(stack.info),
         "timestamps": stack.times_s is not None,
+        "notes": list(stack.notes),
         **{key: value for key, value in stack.meta.items() if key != "versions"},
     }
 
@@ -140,10 +149,9 @@ def _sample(stack: Any) -> Any:
     return np.concatenate([stack.read(k, k + 1) for k in range(0, stack.n_fields, step)])
 
 
-def _exposure(stack: Any) -> dict[str, Any]:
+def _exposure(stack: Any, sample: Any) -> dict[str, Any]:
     import numpy as np
 
-    sample = _sample(stack)
     count, _ = np.histogram(sample, bins=_LEVELS, range=(0, stack.white_level + 1))
     return {
         "darkest_level": int(sample.min()),
@@ -152,6 +160,44 @@ def _exposure(stack: Any) -> dict[str, Any]:
         "clipped_share": float((sample >= stack.white_level).mean()),
         "histogram": (count / count.sum()).tolist(),
     }
+
+
+def _suspicious(stack: Any, sample: Any) -> Iterator[str]:
+    """Say what of levels and times may spoil a measurement; the flags say what did."""
+    import numpy as np
+
+    brightest, white = int(sample.max()), stack.white_level
+    clipped = float((sample >= white).mean())
+    if clipped:
+        yield f"{clipped:.2%} of the pixels looked at are clipped at {white}"
+    has_fewer_bits = brightest < white and brightest in _TOPS and stack.dtype == np.uint16
+    if brightest < _DARK * white and not has_fewer_bits:
+        yield f"very dark: the brightest level is {brightest} of {white}"
+    if int(np.ptp(sample)) == 0:
+        yield f"all pixels looked at are {brightest}"
+    used = int(np.bitwise_or.reduce(sample, axis=None))
+    spare = (used & -used).bit_length() - 1
+    if spare > 0 and stack.dtype == np.uint16:
+        yield f"levels are multiples of {1 << spare}: stored in the upper {16 - spare} of 16 bits"
+    if has_fewer_bits:
+        yield (
+            f"the brightest level is {brightest}, the top of {brightest.bit_length()} bits: if the "
+            f"camera has as many, tell white_level = {brightest}"
+        )
+    if stack.times_s is not None and stack.n_fields > 1:
+        yield from _unequal(np.diff(stack.times_s))
+
+
+def _unequal(steps: Any) -> Iterator[str]:
+    import numpy as np
+
+    usual = float(np.median(steps))
+    odd = np.abs(steps - usual) > _UNEQUAL * abs(usual)
+    if odd.any():
+        yield (
+            f"{int(odd.sum())} fields do not follow the one before after {1e3 * usual:.4g} ms, the "
+            f"first is {int(np.argmax(odd)) + 1}, after {1e3 * steps[odd][0]:.4g} ms"
+        )
 
 
 def _glint(stack: Any, settings: Any, png: Path | None, overwrite: bool) -> dict[str, Any]:
@@ -179,9 +225,22 @@ def _glint(stack: Any, settings: Any, png: Path | None, overwrite: bool) -> dict
         "glint_half_width": result.measurement.shape.half_width if there.any() else None,
         "angle_deg": float(result.values["angle_deg"][middle]),
         "angle_std_deg": float(result.values["angle_std_deg"][middle]),
-        "flags": describe(result.flags),
+        "flags": [_counted(words, result) for words in describe(result.flags)],
         "picture": png,
     }
+
+
+def _counted(words: str, result: Any) -> str:
+    """Add to a flag's words at how many fields it is, where it is not at all of them."""
+    import numpy as np
+
+    from glint_aoa.flags import Flag
+
+    masks = result.values["flags"]
+    there = (masks & int(Flag[words.partition(":")[0]])) != 0
+    if not there.any() or there.all():
+        return words
+    return f"{words} ({int(there.sum())} of {there.size} fields, first {int(np.argmax(there))})"
 
 
 def _channels(recording: Path, inertial: Any) -> list[dict[str, Any]]:

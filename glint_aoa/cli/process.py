@@ -24,6 +24,7 @@ from glint_aoa.cli._common import (
 
 if TYPE_CHECKING:
     from glint_aoa.process import PointResult
+    from glint_aoa.setup import Setup
 
 __all__ = ["process"]
 
@@ -59,7 +60,7 @@ def process(
     left = [path for path in points if path not in finished]
     results: list[PointResult] = []
     failures: list[InputError] = []
-    with bar(_n_fields(left)) as advance:
+    with bar(_n_fields(left, settings)) as advance:
         for path in left:
             advance(0, path.stem)
             try:
@@ -83,7 +84,7 @@ def process(
         raise typer.Exit(3)
 
 
-def _n_fields(points: list[Path]) -> int:
+def _n_fields(points: list[Path], settings: "Setup") -> int:
     """Count the fields to measure; points that cannot be opened have their say later."""
     from glint_aoa.errors import InputError
     from glint_aoa.records.formats import open_fields
@@ -91,7 +92,7 @@ def _n_fields(points: list[Path]) -> int:
     count = 0
     for path in points:
         try:
-            count += open_fields(path).n_fields
+            count += open_fields(path, settings.fields).n_fields
         except InputError:
             continue
     return count
@@ -115,5 +116,6 @@ def _print(results: "list[PointResult]", out: Path) -> None:
     typer.echo(f"Wrote {out / '<point>.csv'}, <point>.nc and log.csv")
     for each in results:
         tell_flags(each.name, each.flags, each.values["flags"], "fields")
-        for doubt in filter(None, each.attrs.get("calibration_doubts", "").split("; ")):
-            typer.echo(f"{each.name}: {doubt}", err=True)
+        for key in ("recording_notes", "calibration_doubts"):
+            for note in filter(None, each.attrs.get(key, "").split("; ")):
+                typer.echo(f"{each.name}: {note}", err=True)

@@ -2,7 +2,7 @@
 
 import datetime
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -150,6 +150,8 @@ class FieldStack:
     white_level : int or None
         Grey level at which the camera's own scale ends, such as 4095 for 12 bits in uint16;
         None for the top of `dtype`.
+    notes : sequence of str
+        What its reader had to assume, or found wrong, in words.
 
     Raises
     ------
@@ -168,12 +170,14 @@ class FieldStack:
         meta: Mapping[str, object] = _NOTHING,
         *,
         white_level: int | None = None,
+        notes: Sequence[str] = (),
     ) -> None:
         self.path = path
         self.dtype = np.dtype(dtype).newbyteorder("=")
         self.info = info
         self.times_s = times_s
         self.meta = MappingProxyType(dict(meta))
+        self.notes = tuple(notes)
         self._read = read
         self._shape = checked_shape(self._label, shape, self.dtype)
         self.white_level = int(np.iinfo(self.dtype).max) if white_level is None else white_level
@@ -204,6 +208,35 @@ class FieldStack:
             return np.asarray(fields[start:stop])
 
         return cls(path, shape, fields.dtype, read, info or FieldInfo(), times_s, meta)
+
+    def restated(
+        self,
+        info: FieldInfo,
+        *,
+        times_s: NDArray[np.float64] | None,
+        white_level: int | None = None,
+        notes: Sequence[str] = (),
+    ) -> "FieldStack":
+        """Return the same fields with other words about them.
+
+        Parameters
+        ----------
+        info, times_s, notes
+            As for the class.
+        white_level : int, optional
+            As for the class; this stack's own if not given.
+        """
+        return FieldStack(
+            self.path,
+            self._shape,
+            self.dtype,
+            self._read,
+            info,
+            times_s,
+            self.meta,
+            white_level=self.white_level if white_level is None else white_level,
+            notes=notes,
+        )
 
     @property
     def name(self) -> str:

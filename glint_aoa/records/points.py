@@ -1,7 +1,7 @@
 """Recorded points: fields, acquisition and, where simulated, the truth in one HDF5 file."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -24,8 +24,9 @@ class RecordedPoint:
 
     Attributes
     ----------
-    fields : ndarray [field, line, column] or None
-        uint8 or uint16 grey levels.
+    fields : ndarray [field, line, column], FieldStack or None
+        uint8 or uint16 grey levels; a stack is copied block by block, its own info, times and
+        meta are not looked at.
     info : FieldInfo
         Rate, exposure, window and parity of the fields.
     fields_time_s : ndarray [field] or None
@@ -38,7 +39,7 @@ class RecordedPoint:
         Run, point, excitation, nominal angle, tunnel temperature, versions.
     """
 
-    fields: NDArray[Any] | None = None
+    fields: NDArray[Any] | FieldStack | None = None
     info: FieldInfo = field(default_factory=FieldInfo)
     fields_time_s: NDArray[np.float64] | None = None
     acquisition: AcquisitionRecord | None = None
@@ -47,7 +48,12 @@ class RecordedPoint:
 
 
 def write_point(
-    path: str | Path, point: RecordedPoint, *, overwrite: bool = False, compress: bool = False
+    path: str | Path,
+    point: RecordedPoint,
+    *,
+    overwrite: bool = False,
+    compress: bool = False,
+    progress: Callable[[int], None] | None = None,
 ) -> None:
     """Write a recorded point; the file appears under its name only when it is whole.
 
@@ -62,6 +68,8 @@ def write_point(
     compress : bool
         Whether the fields are packed (gzip, fastest level): about half the size, but writing and
         reading take some ten times as long.
+    progress : callable, optional
+        Called after each block with the number of fields that it held.
 
     Raises
     ------
@@ -71,32 +79,47 @@ def write_point(
         If the fields are not uint8 or uint16 [field, line, column], or their times do not match.
     """
     path = Path(path)
-    _check(path, point)
+    stack = _checked(path, point)
     with (
         replacing(path, overwrite=overwrite) as temporary,
         h5py.File(temporary, "w-", track_order=True) as file,
     ):
-        _write_fields(file, point, compress=compress)
+        _write_fields(file, stack, compress=compress, progress=progress)
         _write_acquisition(file, point.acquisition)
         if point.truth:
             _write_arrays(file.create_group("truth", track_order=True), point.truth)
         file.create_group("meta").attrs.update(point.meta)
 
 
-def _check(path: Path, point: RecordedPoint) -> None:
-    if point.fields is not None:
-        FieldStack.from_array(point.fields, point.info, times_s=point.fields_time_s, path=path)
-
-
-def _write_fields(file: h5py.File, point: RecordedPoint, *, compress: bool) -> None:
+def _checked(path: Path, point: RecordedPoint) -> FieldStack | None:
+    if isinstance(point.fields, FieldStack):
+        return point.fields.restated(point.info, times_s=point.fields_time_s)
     if point.fields is None:
+        return None
+    return FieldStack.from_array(point.fields, point.info, times_s=point.fields_time_s, path=path)
+
+
+def _write_fields(
+    file: h5py.File,
+    stack: FieldStack | None,
+    *,
+    compress: bool,
+    progress: Callable[[int], None] | None,
+) -> None:
+    if stack is None:
         return
     packing = {"compression": "gzip", "compression_opts": 1} if compress else {}
-    chunks = (1, *point.fields.shape[1:])
-    fields = file.create_dataset("fields", data=point.fields, chunks=chunks, **packing)
-    _write_attributes(fields, dataclasses.asdict(point.info))
-    if point.fields_time_s is not None:
-        file.create_dataset("fields_time", data=np.asarray(point.fields_time_s, np.float64))
+    chunks = (1, *stack.shape[1:])
+    fields = file.create_dataset("fields", stack.shape, stack.dtype, chunks=chunks, **packing)
+    for start, block in stack.blocks():
+        fields[start : start + len(block)] = block
+        if progress is not None:
+            progress(len(block))
+    top = int(np.iinfo(stack.dtype).max)
+    white = None if stack.white_level == top else stack.white_level
+    _write_attributes(fields, {**dataclasses.asdict(stack.info), "white_level": white})
+    if stack.times_s is not None:
+        file.create_dataset("fields_time", data=np.asarray(stack.times_s, np.float64))
 
 
 def _write_acquisition(file: h5py.File, record: AcquisitionRecord | None) -> None:
@@ -104,7 +127,9 @@ def _write_acquisition(file: h5py.File, record: AcquisitionRecord | None) -> Non
         return
     group = file.create_group("das", track_order=True)
     for name, channel in record.channels.items():
-        dataset = group.create_dataset(name, data=channel.samples)
+        dataset = group.create_dataset(name, channel.samples.shape, channel.samples.dtype)
+        for start, piece in channel.blocks():
+            dataset[start : start + len(piece)] = piece.samples
         _write_attributes(dataset, _channel_attributes(channel))
 
 

@@ -93,10 +93,17 @@ def _agreed(stack: FieldStack, fields: Fields) -> dict[str, Any]:
         if file_says is not None and setup_says is not None and _differ(file_says, setup_says):
             raise SetupError(
                 f"{stack.name}: the file says {key} {file_says}, the setup fields.{key} "
-                f"{setup_says}; take it out of the setup or correct it"
+                f"{setup_says}; take it out of the setup or correct it{_or_beside(stack)}"
             )
         said[key] = setup_says if file_says is None else file_says
     return said
+
+
+def _or_beside(stack: FieldStack) -> str:
+    """Say where to overrule a file: a slowed video states the rate at which it is shown."""
+    if stack.path is None:
+        return ""
+    return f"; where the file is wrong, tell {stack.path.name}.toml beside it"
 
 
 def _differ(one: Any, other: Any) -> bool:

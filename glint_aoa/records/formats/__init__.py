@@ -13,15 +13,20 @@ from glint_aoa.errors import RecordingError
 from glint_aoa.records._files import size_of
 from glint_aoa.records.acquisition import AcquisitionRecord
 from glint_aoa.records.fields import FieldStack
+from glint_aoa.records.formats._beside import Beside, told_beside, with_told
+from glint_aoa.records.formats.cine import open_cine
 from glint_aoa.records.formats.csv_text import read_csv
 from glint_aoa.records.formats.hdf5 import has_acquisition, open_hdf5, read_acquisition
 from glint_aoa.records.formats.matlab import read_matlab
 from glint_aoa.records.formats.numpy_files import open_npy, open_npz
 from glint_aoa.records.formats.photron import open_photron
+from glint_aoa.records.formats.picture_folder import open_pictures
+from glint_aoa.records.formats.raw_dump import open_raw
 from glint_aoa.records.formats.tdms import read_tdms
 from glint_aoa.records.formats.tiff import open_tiff
 from glint_aoa.records.formats.uff import read_uff
-from glint_aoa.setup import Inertial
+from glint_aoa.records.formats.video import VIDEO_SUFFIXES, open_video
+from glint_aoa.setup import Fields, Inertial
 
 __all__ = [
     "ACQUISITION_SUFFIXES",
@@ -32,30 +37,52 @@ __all__ = [
     "open_fields",
 ]
 
-_READERS: dict[str, Callable[[Path], FieldStack]] = {
-    ".h5": open_hdf5,
-    ".hdf5": open_hdf5,
-    ".npy": open_npy,
-    ".npz": open_npz,
-    ".tif": open_tiff,
-    ".tiff": open_tiff,
-    ".mraw": open_photron,
-    ".cih": open_photron,
-    ".cihx": open_photron,
+_Reader = Callable[[Path, Beside, Fields], FieldStack]
+
+
+def _plain(reader: Callable[[Path], FieldStack]) -> _Reader:
+    """Return the reader of a format that says itself what its fields are."""
+    return lambda path, _told, _stated: reader(path)
+
+
+def _told(reader: Callable[[Path, Beside], FieldStack]) -> _Reader:
+    """Return the reader of a format that has to be told something."""
+    return lambda path, told, _stated: reader(path, told)
+
+
+_READERS: dict[str, _Reader] = {
+    ".h5": _plain(open_hdf5),
+    ".hdf5": _plain(open_hdf5),
+    ".npy": _plain(open_npy),
+    ".npz": _plain(open_npz),
+    ".tif": _told(open_tiff),
+    ".tiff": _told(open_tiff),
+    ".mraw": _plain(open_photron),
+    ".cih": _plain(open_photron),
+    ".cihx": _plain(open_photron),
+    ".cine": _plain(open_cine),
+    **dict.fromkeys(VIDEO_SUFFIXES, open_video),
+    ".raw": _told(open_raw),
+    ".bin": _told(open_raw),
 }
 
 SUFFIXES = tuple(_READERS)
 """Suffixes of the files that `open_fields` reads."""
 
 
-def open_fields(path: str | Path) -> FieldStack:
+def open_fields(path: str | Path, stated: Fields | None = None) -> FieldStack:
     """Open a recording of fields; its suffix says the format.
 
     Parameters
     ----------
     path : str or Path
         HDF5 point (``.h5``), NumPy array (``.npy``, ``.npz`` with an array ``fields``), TIFF
-        stack, or Photron recording (``.mraw`` or its ``.cih``, ``.cihx``).
+        stack, video (``.avi``, ``.mkv``, ``.mp4``, ``.mov``), Phantom ``.cine``, Photron
+        recording (``.mraw`` or its ``.cih``, ``.cihx``), raw dump (``.raw``, ``.bin``), or a
+        folder of PNG or TIFF pictures. What ``<path>.toml`` beside it tells counts more than what
+        the recording says.
+    stated : Fields, optional
+        Section of the setup. A video that does not say whether it is interlaced follows it.
 
     Returns
     -------
@@ -67,8 +94,13 @@ def open_fields(path: str | Path) -> FieldStack:
     RecordingError
         If the file is missing, of another format, damaged, empty, or holds no grey fields of
         uint8 or uint16.
+    SetupError
+        If the file beside it is wrong.
     """
     path = Path(path)
+    if path.is_dir():
+        told = told_beside(path)
+        return with_told(open_pictures(path, told), told)
     size_of(path)
     reader = _READERS.get(path.suffix.lower())
     if reader is None:
@@ -77,7 +109,8 @@ def open_fields(path: str | Path) -> FieldStack:
             f"{path}: {found}, expected one of {', '.join(SUFFIXES)}; "
             "convert the recording or correct its name"
         )
-    return reader(path)
+    told = told_beside(path)
+    return with_told(reader(path, told, stated or Fields()), told)
 
 
 _AcquisitionReader = Callable[[Path, Inertial | None], AcquisitionRecord]

@@ -86,6 +86,7 @@ def open_hdf5(path: Path) -> FieldStack:
             _field_info(path, fields),
             _field_times(path, file),
             _meta(path, file),
+            white_level=_white_level(path, fields),
         )
         check_storage(path, fields)
     return stack
@@ -307,6 +308,18 @@ def _field_info(path: Path, fields: h5py.Dataset) -> FieldInfo:
         raise RecordingError(
             f"{path}: /fields attribute {error}; correct it or leave it out"
         ) from None
+
+
+def _white_level(path: Path, fields: h5py.Dataset) -> int | None:
+    level = _stated(fields, "white_level")
+    if level is None:
+        return None
+    if isinstance(level, bool) or not isinstance(level, int | float) or level < 1 or level % 1:
+        raise RecordingError(
+            f"{path}: /fields attribute white_level is {level!r}; expected a whole number from 1; "
+            "correct it or leave it out"
+        )
+    return int(level)
 
 
 def _field_times(path: Path, file: h5py.File) -> NDArray[np.float64] | None:
