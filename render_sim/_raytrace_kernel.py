@@ -1,10 +1,7 @@
 """Compiled ray casting: plain arrays in, plain arrays out; `raytrace` explains the method.
 
-Everything happens in the model frame, where the body is the cylinder y^2 + z^2 = radius^2.
-Packed arguments:
+Everything happens in the model frame. Packed arguments, besides those of `_section_kernel`:
 
-inner    fx, fy, u0, v0
-lens     k1, k2, p1, p2, k3, all zero for none
 surface  roughness squared, specular, diffuse, ambient, wall, 1 for GGX
 lamp     of each sample: place, area times radiance, direction, exponent of the beam
 """
@@ -17,62 +14,33 @@ import math
 import numpy as np
 from numba import njit
 
-from render_sim.projection import undistort
+from render_sim._section_kernel import (
+    edges,
+    hit,
+    in_model_frame,
+    is_on,
+    is_round,
+    misses,
+    outward,
+    ray,
+    to_model,
+)
 
-__all__ = ["EDGE_STEPS", "fast_images", "fine_image"]
+__all__ = [
+    "EDGE_STEPS",
+    "even",
+    "fast_images",
+    "find_nodes",
+    "fine_image",
+    "mix",
+    "sample",
+    "sample_matte",
+]
 
-_undistort = njit(undistort)
 _FAINTEST = -20.0
-_MATTE_SAMPLES = 24
+_MATTE_SAMPLES = 24, 120  # across the window, of a round body and of one with corners
 _CLEAR = 2.0  # lines
 EDGE_STEPS = 128
-
-
-@njit(cache=True, error_model="numpy")
-def _to_model(pose, x, y, z, result):
-    """Turn a tunnel direction into the model frame."""
-    for i in range(3):
-        result[i] = pose[0, i] * x + pose[1, i] * y + pose[2, i] * z
-
-
-@njit(cache=True, error_model="numpy")
-def _place(pose, centre, rotation, lamp):
-    """Bring all into the model frame: camera axes, eye, lamp samples, tunnel's X."""
-    axes, eye, moved = np.empty((3, 3)), np.empty(3), np.empty_like(lamp)
-    for j in range(3):
-        _to_model(pose, rotation[0, j], rotation[1, j], rotation[2, j], axes[:, j])
-    x, y, z = pose[0, 3], pose[1, 3], pose[2, 3]
-    _to_model(pose, centre[0] - x, centre[1] - y, centre[2] - z, eye)
-    for j in range(lamp.shape[0]):
-        _to_model(pose, lamp[j, 0] - x, lamp[j, 1] - y, lamp[j, 2] - z, moved[j])
-        _to_model(pose, lamp[j, 4], lamp[j, 5], lamp[j, 6], moved[j, 4:])
-        moved[j, 3], moved[j, 7] = lamp[j, 3], lamp[j, 7]
-    along = np.empty(3)
-    _to_model(pose, 1.0, 0.0, 0.0, along)
-    return axes, eye, moved, along
-
-
-@njit(cache=True, error_model="numpy")
-def _ray(u, v, inner, lens, axes):
-    x = (u - inner[2]) / inner[0]
-    y = (v - inner[3]) / inner[1]
-    if lens[0] != 0.0 or lens[1] != 0.0 or lens[2] != 0.0 or lens[3] != 0.0 or lens[4] != 0.0:
-        x, y = _undistort(x, y, lens)
-    return (
-        axes[0, 0] * x + axes[0, 1] - axes[0, 2] * y,
-        axes[1, 0] * x + axes[1, 1] - axes[1, 2] * y,
-        axes[2, 0] * x + axes[2, 1] - axes[2, 2] * y,
-    )
-
-
-@njit(cache=True, error_model="numpy")
-def _hit(dx, dy, dz, eye, radius):
-    """Return the nearer point on the cylinder; a ray that just misses grazes it instead."""
-    a = dy * dy + dz * dz
-    b = eye[1] * dy + eye[2] * dz
-    under = b * b - a * (eye[1] * eye[1] + eye[2] * eye[2] - radius * radius)
-    depth = (-b - math.sqrt(max(under, 0.0))) / a
-    return eye[0] + depth * dx, eye[1] + depth * dy, eye[2] + depth * dz
 
 
 @njit(cache=True, error_model="numpy")
@@ -82,30 +50,34 @@ def _faintest(surface):
 
 
 @njit(cache=True, error_model="numpy")
-def _lobe(inverse, size2, surface):
-    """Return slope distribution times reflectance, but for what all samples share."""
+def _lobe(inverse, size2, surface, sharpness):
+    """Return slope distribution times reflectance, but for what all samples share.
+
+    `sharpness` is the inverse of the squared roughness.
+    """
     if surface[5] > 0.0:
         lobe = (surface[0] / (surface[0] - 1.0 + inverse)) ** 2
     else:
-        lobe = math.exp((1.0 - inverse) / surface[0])
+        lobe = math.exp((1.0 - inverse) * sharpness)
     grazing = 1.0 - 0.5 * math.sqrt(size2)
     square = grazing * grazing
     return lobe * (surface[1] + (1.0 - surface[1]) * square * square * grazing)
 
 
 @njit(cache=True, error_model="numpy")
-def _shade(px, py, pz, eye, lamp, surface, with_specular):
+def _shade(px, py, pz, eye, lamp, surface, with_specular, section):
     """Return the matte and the specular part of the radiance; the formula of `light`.
 
     Lamp samples so far from the mirror direction that they add nothing are passed over.
     """
-    size = math.sqrt(py * py + pz * pz)
-    ny, nz = py / size, pz / size
+    ny, nz = outward(py, pz, section)
+    size = math.sqrt(ny * ny + nz * nz)
+    ny, nz = ny / size, nz / size
     vx, vy, vz = eye[0] - px, eye[1] - py, eye[2] - pz
     size = 1.0 / math.sqrt(vx * vx + vy * vy + vz * vz)
     vx, vy, vz = vx * size, vy * size, vz * size
     facing_eye = ny * vy + nz * vz
-    faintest = _faintest(surface)
+    faintest, sharpness = _faintest(surface), 1.0 / surface[0]
     received, specular = 0.0, 0.0
     for j in range(lamp.shape[0]):
         lx, ly, lz = lamp[j, 0] - px, lamp[j, 1] - py, lamp[j, 2] - pz
@@ -122,8 +94,9 @@ def _shade(px, py, pz, eye, lamp, surface, with_specular):
             size2 = 2.0 + 2.0 * (lx * vx + ly * vy + lz * vz) * size
             total = facing + facing_eye
             if size2 < faintest * total * total:
-                inverse = size2 / (total * total)
-                specular += weight * _lobe(inverse, size2, surface) * inverse * inverse / size2
+                over = 1.0 / (total * total)
+                inverse = size2 * over
+                specular += weight * _lobe(inverse, size2, surface, sharpness) * inverse * over
     return (
         surface[2] * (received / math.pi + surface[3]),
         specular / (math.pi * surface[0]),
@@ -131,62 +104,38 @@ def _shade(px, py, pz, eye, lamp, surface, with_specular):
 
 
 @njit(cache=True, error_model="numpy")
-def fine_image(pose, columns, lines, centre, rotation, inner, lens, lamp, surface, radius):
-    """Cast one ray at every crossing of `columns` and `lines`; radiance [line, column]."""
-    axes, eye, lamp, _ = _place(pose, centre, rotation, lamp)
+def fine_image(pose, columns, lines, centre, rotation, inner, lens, lamp, surfaces, section, marks):
+    """Cast one ray at every crossing of `columns` and `lines`; radiance [line, column].
+
+    `surfaces` [surface] are the body's own and those that `marks` refer to.
+    """
+    axes, eye, lamp, _ = in_model_frame(pose, centre, rotation, lamp)
     image = np.empty((lines.size, columns.size))
-    reach = eye[1] * eye[1] + eye[2] * eye[2] - radius * radius
     for i in range(lines.size):
         for j in range(columns.size):
-            dx, dy, dz = _ray(columns[j], lines[i], inner, lens, axes)
-            b = eye[1] * dy + eye[2] * dz
-            if b * b < (dy * dy + dz * dz) * reach:
-                image[i, j] = surface[4]
+            dx, dy, dz = ray(columns[j], lines[i], inner, lens, axes)
+            if misses(dx, dy, dz, eye, section):
+                image[i, j] = surfaces[0, 4]
                 continue
-            px, py, pz = _hit(dx, dy, dz, eye, radius)
-            matte, specular = _shade(px, py, pz, eye, lamp, surface, True)
+            px, py, pz = hit(dx, dy, dz, eye, section)
+            surface = surfaces[0]
+            for mark in marks:
+                if is_on(mark, px, math.atan2(py, pz)):
+                    surface = surfaces[int(mark[5])]
+            matte, specular = _shade(px, py, pz, eye, lamp, surface, True, section)
             image[i, j] = matte + specular
     return image
 
 
 @njit(cache=True, error_model="numpy")
-def _edges(u, v0, v1, inner, lens, axes, eye, radius):
-    """Return the lines between which column u sees the body, upper one first.
-
-    The two planes through the eye that touch the cylinder; for a lens without distortion the
-    secant step is exact.
-    """
-    distance2 = eye[1] * eye[1] + eye[2] * eye[2]
-    along = radius / distance2
-    across = math.sqrt(distance2 - radius * radius) / distance2
-    found = np.empty(2)
-    for side in range(2):
-        sign = 1.0 if side == 0 else -1.0
-        ny = along * eye[1] - sign * across * eye[2]
-        nz = along * eye[2] + sign * across * eye[1]
-        low, high = v0, v1
-        _, dy, dz = _ray(u, low, inner, lens, axes)
-        at_low = ny * dy + nz * dz
-        for _ in range(6):
-            _, dy, dz = _ray(u, high, inner, lens, axes)
-            at_high = ny * dy + nz * dz
-            if abs(at_high - at_low) < 1e-15:
-                break
-            step = at_high * (high - low) / (at_high - at_low)
-            low, at_low = high, at_high
-            high -= step
-        found[side] = high
-    return min(found[0], found[1]), max(found[0], found[1])
-
-
-@njit(cache=True, error_model="numpy")
-def _mirrored(u, v, inner, lens, axes, eye, radius, line, along):
+def _mirrored(u, v, inner, lens, axes, eye, section, line, along):
     """Return how the mirrored ray passes the lamp's line, seen along it: across and towards."""
-    dx, dy, dz = _ray(u, v, inner, lens, axes)
-    px, py, pz = _hit(dx, dy, dz, eye, radius)
-    twice = 2.0 * (py * dy + pz * dz) / (py * py + pz * pz)
-    dy -= twice * py
-    dz -= twice * pz
+    dx, dy, dz = ray(u, v, inner, lens, axes)
+    px, py, pz = hit(dx, dy, dz, eye, section)
+    ny, nz = outward(py, pz, section)
+    twice = 2.0 * (ny * dy + nz * dz) / (ny * ny + nz * nz)
+    dy -= twice * ny
+    dz -= twice * nz
     lx, ly, lz = line[0] - px, line[1] - py, line[2] - pz
     across = (
         lx * (dy * along[2] - dz * along[1])
@@ -203,7 +152,7 @@ def _mirrored(u, v, inner, lens, axes, eye, radius, line, along):
 
 
 @njit(cache=True, error_model="numpy")
-def _mirror_line(u, top, bottom, inner, lens, axes, eye, radius, line, along):
+def _mirror_line(u, top, bottom, inner, lens, axes, eye, section, line, along):
     """Return the line of column u that mirrors the lamp; NaN if none does.
 
     From the upper edge to the middle of the body the mirrored ray sweeps from straight on over the
@@ -213,18 +162,18 @@ def _mirror_line(u, top, bottom, inner, lens, axes, eye, radius, line, along):
     for side in range(2):
         low = top + 1e-6 if side == 0 else middle
         high = middle if side == 0 else bottom - 1e-6
-        at_low, _ = _mirrored(u, low, inner, lens, axes, eye, radius, line, along)
-        at_high, _ = _mirrored(u, high, inner, lens, axes, eye, radius, line, along)
+        at_low, _ = _mirrored(u, low, inner, lens, axes, eye, section, line, along)
+        at_high, _ = _mirrored(u, high, inner, lens, axes, eye, section, line, along)
         if at_low * at_high > 0.0:
             continue
         for _ in range(34):
             half = 0.5 * (low + high)
-            at_half, _ = _mirrored(u, half, inner, lens, axes, eye, radius, line, along)
+            at_half, _ = _mirrored(u, half, inner, lens, axes, eye, section, line, along)
             if at_low * at_half > 0.0:
                 low = half
             else:
                 high = half
-        _, towards = _mirrored(u, low, inner, lens, axes, eye, radius, line, along)
+        _, towards = _mirrored(u, low, inner, lens, axes, eye, section, line, along)
         if towards > 0.0:
             return 0.5 * (low + high)
     return math.nan
@@ -252,24 +201,27 @@ def _covered(offset, edge):
 
 
 @njit(cache=True, error_model="numpy")
-def _nodes(nodes, v0, v1, inner, lens, axes, eye, radius, line, along):
+def find_nodes(nodes, v0, v1, inner, lens, axes, eye, section, line, along):
     """Return mirror line, upper and lower edge at the node columns [node, 3]."""
     found = np.empty((nodes.size, 3))
     for i in range(nodes.size):
-        top, bottom = _edges(nodes[i], v0, v1, inner, lens, axes, eye, radius)
-        centre = _mirror_line(nodes[i], top, bottom, inner, lens, axes, eye, radius, line, along)
+        top, bottom = edges(nodes[i], v0, v1, inner, lens, axes, eye, section)
+        centre = _mirror_line(nodes[i], top, bottom, inner, lens, axes, eye, section, line, along)
         found[i, 0], found[i, 1], found[i, 2] = centre, top, bottom
     return found
 
 
 @njit(cache=True, error_model="numpy")
-def _mirrored_part(u, v, inner, lens, axes, eye, lamp, radius, surface):
+def _mirrored_part(u, v, inner, lens, axes, eye, lamp, section, surface):
     """Return the lamp samples that can add to the glint in column u, whose mirror line is v.
 
     Along the lamp the lobe falls as it does on the mirror line; off that line only faster.
     """
-    dx, dy, dz = _ray(u, v, inner, lens, axes)
-    px, py, pz = _hit(dx, dy, dz, eye, radius)
+    dx, dy, dz = ray(u, v, inner, lens, axes)
+    px, py, pz = hit(dx, dy, dz, eye, section)
+    ny, nz = outward(py, pz, section)
+    size = math.sqrt(ny * ny + nz * nz)
+    ny, nz = ny / size, nz / size
     chosen = np.empty_like(lamp)
     count = 0
     vx, vy, vz = eye[0] - px, eye[1] - py, eye[2] - pz
@@ -278,7 +230,7 @@ def _mirrored_part(u, v, inner, lens, axes, eye, lamp, radius, surface):
         lx, ly, lz = lamp[j, 0] - px, lamp[j, 1] - py, lamp[j, 2] - pz
         size = 1.0 / math.sqrt(lx * lx + ly * ly + lz * lz)
         hx, hy, hz = lx * size + vx * view, ly * size + vy * view, lz * size + vz * view
-        total = (py * hy + pz * hz) / radius
+        total = ny * hy + nz * hz
         if (hx * hx + hy * hy + hz * hz) < _faintest(surface) * total * total:
             for k in range(8):
                 chosen[count, k] = lamp[j, k]
@@ -287,20 +239,20 @@ def _mirrored_part(u, v, inner, lens, axes, eye, lamp, radius, surface):
 
 
 @njit(cache=True, error_model="numpy")
-def _sample(nodes, found, offsets, specular, inner, lens, axes, eye, lamp, surface, radius):
+def sample(nodes, found, offsets, specular, inner, lens, axes, eye, lamp, surface, section):
     """Return one part of the radiance at `offsets` lines from the mirror line [node, offset]."""
     values = np.empty((nodes.size, offsets.size))
     for i in range(nodes.size):
         near = lamp
         if specular:
             near = _mirrored_part(
-                nodes[i], found[i, 0], inner, lens, axes, eye, lamp, radius, surface
+                nodes[i], found[i, 0], inner, lens, axes, eye, lamp, section, surface
             )
         for k in range(offsets.size):
             v = min(max(found[i, 0] + offsets[k], found[i, 1] + 1e-3), found[i, 2] - 1e-3)
-            dx, dy, dz = _ray(nodes[i], v, inner, lens, axes)
-            px, py, pz = _hit(dx, dy, dz, eye, radius)
-            parts = _shade(px, py, pz, eye, near, surface, specular)
+            dx, dy, dz = ray(nodes[i], v, inner, lens, axes)
+            px, py, pz = hit(dx, dy, dz, eye, section)
+            parts = _shade(px, py, pz, eye, near, surface, specular, section)
             values[i, k] = parts[1] if specular else parts[0]
     return values
 
@@ -337,7 +289,7 @@ def _refined(values, places):
 
 
 @njit(cache=True, error_model="numpy")
-def _mix(values, first, blend, result):
+def mix(values, first, blend, result):
     """Blend four successive nodes' rows of `values` into `result`."""
     a, b, c, d = blend[0], blend[1], blend[2], blend[3]
     for k in range(result.size):
@@ -400,13 +352,13 @@ def _fill(image, v0, found, bands, per_line, matte, matte_first, blend, first, e
     glint, ground = np.empty(bands.shape[2]), np.empty(matte.shape[1])
     place, pixels, w = np.empty(3), np.empty(image.shape[0]), np.empty(4)
     for j in range(image.shape[1]):
-        _mix(matte, first[j], blend[j], ground)
-        _mix(found[0], first[j], blend[j], place)
+        mix(matte, first[j], blend[j], ground)
+        mix(found[0], first[j], blend[j], place)
         top, bottom = place[1], place[2]
         _fill_matte(pixels, v0, place[0], ground, matte_first, w)
         for k in range(found.shape[0]):
-            _mix(found[k], first[j], blend[j], place)
-            _mix(bands[k], first[j], blend[j], glint)
+            mix(found[k], first[j], blend[j], place)
+            mix(bands[k], first[j], blend[j], glint)
             if not math.isnan(place[0]):
                 _add_glint(pixels, v0, place[0], glint, per_line, w)
         _cut_out(pixels, v0, top, bottom, edge, wall)
@@ -433,7 +385,7 @@ def _matte_span(found, v0, rows):
 
 
 @njit(cache=True, error_model="numpy")
-def _even(first, step, count):
+def even(first, step, count):
     values = np.empty(count)
     for k in range(count):
         values[k] = first + step * k
@@ -441,9 +393,23 @@ def _even(first, step, count):
 
 
 @njit(cache=True, error_model="numpy")
+def sample_matte(nodes, found, v0, rows, inner, lens, axes, eye, lamp, surface, section):
+    """Return the matte part at the nodes, one value a line, and the first one's offset.
+
+    It is smooth, so that it is cast on a coarse grid about the mirror line `found`.
+    """
+    low, high = _matte_span(found, v0, rows)
+    count = _MATTE_SAMPLES[0] if is_round(section) else _MATTE_SAMPLES[1]
+    step = (high - low) / (count - 1)
+    coarse = even(low, step, count)
+    matte = sample(nodes, found, coarse, False, inner, lens, axes, eye, lamp, surface, section)
+    return _refined(matte, even(0.0, 1.0 / step, high - low + 1)), low
+
+
+@njit(cache=True, error_model="numpy")
 def fast_images(
     poses, v0, rows, nodes, blend, first, per_line, half, weights, edge, stations,
-    centre, rotations, inner, lens, lamp, lamp_first, lamp_lines, surface, radius,
+    centre, rotations, inner, lens, lamp, lamp_first, lamp_lines, surface, section,
 ):  # fmt: skip
     """Render one image a pose [image, row, column]; status 0, or why the body does not fit.
 
@@ -453,23 +419,25 @@ def fast_images(
     lamp is mirrored at the body's very edge.
     """
     images = np.empty((poses.shape[0], rows, blend.shape[0]))
-    offsets = _even(-half / per_line, 1.0 / per_line, 2 * half + 1)
+    offsets = even(-half / per_line, 1.0 / per_line, 2 * half + 1)
     n_lamps = lamp_lines.shape[0]
     found = np.empty((n_lamps, nodes.size, 3))
     bands = np.zeros((n_lamps, nodes.size, offsets.size))
     line = np.empty(3)
     for n in range(poses.shape[0]):
         pose = poses[n]
-        axes, eye, moved, along = _place(pose, centre, rotations[n], lamp)
+        axes, eye, moved, along = in_model_frame(pose, centre, rotations[n], lamp)
         for k in range(n_lamps):
             x, y, z = lamp_lines[k] - pose[:3, 3]
-            _to_model(pose, x, y, z, line)
-            found[k] = _nodes(nodes, v0, v0 + rows, inner, lens, axes, eye, radius, line, along)
+            to_model(pose, x, y, z, line)
+            found[k] = find_nodes(
+                nodes, v0, v0 + rows, inner, lens, axes, eye, section, line, along
+            )
         for i in range(nodes.size):
             if math.isnan(found[0, i, 0]):
                 return images, 1
-            dx, dy, dz = _ray(nodes[i], found[0, i, 0], inner, lens, axes)
-            px, _, _ = _hit(dx, dy, dz, eye, radius)
+            dx, dy, dz = ray(nodes[i], found[0, i, 0], inner, lens, axes)
+            px, _, _ = hit(dx, dy, dz, eye, section)
             if px < stations[0] or px > stations[1]:
                 return images, 2
         for k in range(n_lamps):
@@ -479,17 +447,13 @@ def fast_images(
             if n_lost > 0 or _is_grazed(found[k]):
                 return images, 3
             own = moved[lamp_first[k] : lamp_first[k + 1]]
-            glint = _sample(
-                nodes, found[k], offsets, True, inner, lens, axes, eye, own, surface, radius
+            glint = sample(
+                nodes, found[k], offsets, True, inner, lens, axes, eye, own, surface, section
             )
             bands[k] = _blurred(glint, weights)
-        low, high = _matte_span(found[0], v0, rows)
-        step = (high - low) / (_MATTE_SAMPLES - 1)
-        coarse = _even(low, step, _MATTE_SAMPLES)
-        matte = _sample(
-            nodes, found[0], coarse, False, inner, lens, axes, eye, moved, surface, radius
+        fine, low = sample_matte(
+            nodes, found[0], v0, rows, inner, lens, axes, eye, moved, surface, section
         )
-        fine = _refined(matte, _even(0.0, 1.0 / step, high - low + 1))
         _fill(
             images[n], v0, found, bands, per_line, fine, low, blend, first, edge, surface[4],
         )  # fmt: skip

@@ -32,7 +32,7 @@ __all__ = ["lamp_samples", "radiance", "reflection"]
 Floats = NDArray[np.float64]
 
 
-def lamp_samples(scene: Scene, lamp: Lamp | None = None) -> Floats:
+def lamp_samples(scene: Scene, lamp: Lamp | None = None, *, roughness: float = np.inf) -> Floats:
     """Return the sample points of a lamp, or of all.
 
     They lie 1.2 standard deviations of the reflection's lobe on the lamp apart, for which the sum
@@ -41,9 +41,11 @@ def lamp_samples(scene: Scene, lamp: Lamp | None = None) -> Floats:
     Parameters
     ----------
     scene : Scene
-        Its roughness sets how dense they are.
+        Its least roughness, markings included, sets how dense they are.
     lamp : Lamp, optional
         The lamp; all of the scene if not given, the one that is measured first.
+    roughness : float, optional
+        Of the smoothest surface besides those of the scene.
 
     Returns
     -------
@@ -53,12 +55,16 @@ def lamp_samples(scene: Scene, lamp: Lamp | None = None) -> Floats:
     """
     if lamp is None:
         return np.concatenate(
-            [lamp_samples(scene, each) for each in (scene.lamp, *scene.other_lamps)]
+            [
+                lamp_samples(scene, each, roughness=roughness)
+                for each in (scene.lamp, *scene.other_lamps)
+            ]
         )
     centre = np.array(lamp.centre_m)
     reach = float(np.linalg.norm(centre)) - scene.body.radius_m
+    smoothest = min(roughness, *(each.roughness for each in scene.surfaces))
     apart = 0.6 if scene.surface.distribution == "ggx" else 1.2
-    spacing = apart * np.sqrt(2.0) * scene.surface.roughness * reach
+    spacing = apart * np.sqrt(2.0) * smoothest * reach
     along = int(np.ceil(lamp.length_m / spacing))
     across = 1 + int(np.ceil(lamp.width_m / spacing))
     x = ((np.arange(along) + 0.5) / along - 0.5) * lamp.length_m

@@ -1,14 +1,18 @@
-"""The glint's true place: where a cylinder mirrors the lamp's centre line into the camera.
+"""The glint's true place: where the body mirrors the lamp's centre line into the camera.
 
-Found from the law of reflection alone, without tracing or rendering anything: on the cylinder the
-view direction, mirrored at the surface's normal, must meet the lamp's centre line. For a lamp
-parallel to tunnel X that is one equation in the plane of Y and Z.
+Found from the law of reflection alone, without tracing or rendering anything: on the body's tube
+the view direction, mirrored at the surface's normal, must meet the lamp's centre line. For a lamp
+parallel to tunnel X that is one equation in the plane of Y and Z for the angle of the normal about
+the axis. On a cylinder Newton's method solves it. On a superellipse, whose flats hardly turn their
+normal, it is halved in: between the directions to camera and lamp there is just one solution, since
+the section is convex.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
 from glint_aoa.errors import InputError
+from render_sim.bodies import facing_point
 from render_sim.projection import Pinhole, window_columns
 from render_sim.scene import Scene
 
@@ -16,6 +20,8 @@ __all__ = ["glint_line", "mirror_points"]
 
 Floats = NDArray[np.float64]
 _COLUMNS_FITTED = 48
+_BEYOND_RAD = 0.1  # beyond camera and lamp, which are not equally far in all columns
+_HALVINGS = 60
 
 
 def mirror_points(scene: Scene, poses: Floats, columns: Floats) -> Floats:
@@ -24,8 +30,8 @@ def mirror_points(scene: Scene, poses: Floats, columns: Floats) -> Floats:
     Parameters
     ----------
     scene : Scene
-        Camera, lamp and the body's radius. The lens's distortion plays no part: a column is the
-        plane that an undistorted column would see. The lamp is taken as endless.
+        Camera, lamp and the body's tube, of a mesh file its radius; both are taken as endless. The
+        lens's distortion plays no part: a column is the plane that an undistorted column would see.
     poses : ndarray
         Poses, model to tunnel [..., 4, 4] [m].
     columns : ndarray
@@ -45,8 +51,18 @@ def mirror_points(scene: Scene, poses: Floats, columns: Floats) -> Floats:
     slant = (columns - camera.u0) / camera.fx
     planes = np.stack([np.ones_like(slant), -slant, np.zeros_like(slant)], axis=-1)
     planes = planes @ camera.rotation.T
+    solve = _newton if scene.body.is_round else _halving
+    points, is_mirrored = solve(scene, poses, camera, planes)
+    if not is_mirrored:
+        raise InputError("the body does not mirror the lamp into every column; move lamp or camera")
+    return points
+
+
+def _newton(scene: Scene, poses: Floats, camera: Pinhole, planes: Floats) -> tuple[Floats, bool]:
+    """Return the mirror points of a cylinder, and whether there are any."""
     frame = poses[..., None, :, :]
-    angle = np.broadcast_to(_first_guess(scene, poses, camera)[..., None], _shape(poses, columns))
+    guess = _first_guess(scene, poses, camera)
+    angle = np.broadcast_to(guess[..., None], _shape(poses, planes))
     step = 1e-5
     for _ in range(12):
         slope = [_pass(scene, frame, camera, planes, angle + d)[0] for d in (step, -step)]
@@ -54,12 +70,40 @@ def mirror_points(scene: Scene, poses: Floats, columns: Floats) -> Floats:
         change = miss * 2.0 * step / (slope[0] - slope[1])
         angle = angle - change
         if np.max(np.abs(change), initial=0.0) < 1e-12 and np.all(towards > 0.0):
-            return points
-    raise InputError("the body does not mirror the lamp into every column; move lamp or camera")
+            return points, True
+    return points, False
 
 
-def _shape(poses: Floats, columns: Floats) -> tuple[int, ...]:
-    return (*poses.shape[:-2], columns.size)
+def _halving(scene: Scene, poses: Floats, camera: Pinhole, planes: Floats) -> tuple[Floats, bool]:
+    """Return the mirror points of any convex section, and whether there are any."""
+    frame = poses[..., None, :, :]
+    camera_angle, lamp_angle = (
+        _angle_of(poses, place) for place in (camera.centre_m, np.array(scene.lamp.centre_m))
+    )
+    apart = np.mod(lamp_angle - camera_angle + np.pi, 2.0 * np.pi) - np.pi
+    margin = np.copysign(_BEYOND_RAD, apart)
+    ends = (camera_angle - margin, camera_angle + apart + margin)
+    low, high = (np.broadcast_to(end[..., None], _shape(poses, planes)) for end in ends)
+    at_low, at_high = (_pass(scene, frame, camera, planes, angle)[0] for angle in (low, high))
+    if np.any(at_low * at_high > 0.0):
+        return frame[..., :3, 3], False
+    for _ in range(_HALVINGS):
+        half = 0.5 * (low + high)
+        is_below = _pass(scene, frame, camera, planes, half)[0] * at_low > 0.0
+        low, high = np.where(is_below, half, low), np.where(is_below, high, half)
+    _, towards, points = _pass(scene, frame, camera, planes, 0.5 * (low + high))
+    return points, bool(np.all(towards > 0.0))
+
+
+def _angle_of(poses: Floats, place_m: Floats) -> Floats:
+    """Return the angle about the body's axis, from its top towards its +y, of a place."""
+    away = place_m - poses[..., :3, 3]
+    side, up = (np.sum(poses[..., :3, k] * away, axis=-1) for k in (1, 2))
+    return np.asarray(np.arctan2(side, up))
+
+
+def _shape(poses: Floats, planes: Floats) -> tuple[int, ...]:
+    return (*poses.shape[:-2], len(planes))
 
 
 def _first_guess(scene: Scene, poses: Floats, camera: Pinhole) -> Floats:
@@ -76,7 +120,11 @@ def _pass(
     """Return how the mirrored rays pass the lamp, across and towards it, and their points [m]."""
     axis, side, up = frame[..., :3, 0], frame[..., :3, 1], frame[..., :3, 2]
     normal = np.sin(angle)[..., None] * side + np.cos(angle)[..., None] * up
-    foot = frame[..., :3, 3] + scene.body.radius_m * normal
+    if scene.body.is_round:
+        foot = frame[..., :3, 3] + scene.body.radius_m * normal
+    else:
+        y, z = facing_point(scene.body, angle)
+        foot = frame[..., :3, 3] + y[..., None] * side + z[..., None] * up
     station = np.sum((camera.centre_m - foot) * planes, -1) / np.sum(axis * planes, -1)
     points = foot + station[..., None] * axis
     view = camera.centre_m - points

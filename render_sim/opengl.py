@@ -7,7 +7,7 @@ are integrated over the pixel's response as the built-in renderer's rays are.
 """
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,16 +16,22 @@ from glint_aoa.errors import InputError
 from render_sim._pyrender_repairs import egl_context, import_pyrender
 from render_sim.bodies import fuselage_mesh
 from render_sim.light import lamp_samples
+from render_sim.markings import column_blur, extents
+from render_sim.mesh_file import read_mesh
 from render_sim.motion import rigid
 from render_sim.pixel import Blur, exposure_gain, integrate_lines
 from render_sim.projection import Pinhole, window_lines
-from render_sim.scene import Scene
+from render_sim.scene import Scene, Surface
+
+if TYPE_CHECKING:
+    import trimesh
 
 __all__ = ["PyrenderRenderer"]
 
 Floats = NDArray[np.float64]
 _SHADERS = Path(__file__).parent
 _NEAR_M, _FAR_M = 0.1, 10.0
+_STRIPS = 4  # fragments a column, where markings end within columns
 
 
 class PyrenderRenderer:
@@ -67,11 +73,18 @@ class PyrenderRenderer:
         self._gain = exposure_gain(scene)
         self._blur = Blur.of(scene)
         self._lens = Pinhole.of(scene)
+        # markings are as sharp across the columns as across the lines; the glint is not
+        self._strips = _STRIPS if scene.body.markings else 1
+        self._across = column_blur(scene) if scene.body.markings else Blur()
+        width = (scene.sensor.columns + 2 * self._across.margin) * self._strips
         height = (scene.sensor.rows + 2 * self._blur.margin) * subsamples
-        shades = _constants(scene)
-        self._renderer = _linear_renderer(pyrender, scene.sensor.columns, height, shades)
+        parts = _parts(scene, sides)
+        shades = _constants(scene, min(each.roughness for _, each in parts))
+        self._renderer = _linear_renderer(pyrender, width, height, shades)
         self._stage = pyrender.Scene(bg_color=[scene.surface.wall, 0.0, 0.0, 1.0])
-        mesh = pyrender.Mesh.from_trimesh(fuselage_mesh(scene.body, sides=sides))
+        mesh = pyrender.Mesh.from_trimesh([part for part, _ in parts])
+        for primitive, (_, surface) in zip(mesh.primitives, parts, strict=True):
+            self._renderer.surfaces[id(primitive)] = _numbers(surface)
         self._body = self._stage.add(mesh)
         self._camera = self._stage.add(
             self._make_camera(pyrender), pose=_camera_pose(self._lens, np.eye(3))
@@ -81,9 +94,9 @@ class PyrenderRenderer:
     def _make_camera(self, pyrender: Any) -> Any:
         lens, fields = self._lens, self._scene.fields
         return pyrender.IntrinsicsCamera(
-            fx=lens.fx,
+            fx=lens.fx * self._strips,
             fy=lens.fy * self._subsamples,
-            cx=lens.u0 - (fields.first_column or 0) + 0.5,
+            cx=(lens.u0 - (fields.first_column or 0) + 0.5 + self._across.margin) * self._strips,
             cy=0.0,  # set for each parity
             znear=_NEAR_M,
             zfar=_FAR_M,
@@ -105,7 +118,10 @@ class PyrenderRenderer:
     def _draw(self, pose: Floats) -> Floats:
         self._stage.set_pose(self._body, pose)
         fine = self._renderer.render(self._stage, self._offscreen)
-        return integrate_lines(fine, subsamples=self._subsamples, blur=self._blur)
+        image = integrate_lines(fine, subsamples=self._subsamples, blur=self._blur)
+        if self._strips == 1:
+            return image
+        return integrate_lines(image.T, subsamples=self._strips, blur=self._across).T
 
 
 def _camera_pose(lens: Pinhole, turn: Floats) -> Floats:
@@ -114,20 +130,35 @@ def _camera_pose(lens: Pinhole, turn: Floats) -> Floats:
     return rigid(np.stack([right, up, -ahead], axis=-1), lens.centre_m)
 
 
-def _constants(scene: Scene) -> dict[str, str]:
+def _parts(scene: Scene, sides: int) -> list[tuple["trimesh.Trimesh", Surface]]:
+    """Return the body's meshes and the surface of each."""
+    if scene.body.mesh is not None:
+        return read_mesh(scene.body, scene.surface)
+    return [(fuselage_mesh(scene.body, sides=sides), scene.surface)]
+
+
+def _constants(scene: Scene, roughness: float) -> dict[str, str]:
     """Return the numbers that stand in the fragment shader, as GLSL text."""
-    surface = scene.surface
-    samples = lamp_samples(scene)
+    samples = lamp_samples(scene, roughness=roughness)
+    marks = extents(scene)
+    count = len(marks)
+    paints = [[*_numbers(scene.surfaces[int(each[5])]), each[4]] for each in marks]
+    nothing = np.zeros((1, 4))  # no array may be empty
     return {
         "LAMP_COUNT": str(len(samples)),
         "LAMP_SAMPLES": _vectors(samples[:, :4]),
         "LAMP_BEAMS": _vectors(samples[:, 4:]),
-        "GGX": str(surface.distribution == "ggx").lower(),
-        "ROUGHNESS_2": f"{surface.roughness**2:.9e}",
-        "DIFFUSE_PART": f"{surface.diffuse:.9e}",
-        "AMBIENT_PART": f"{surface.ambient:.9e}",
-        "SPECULAR_PART": f"{surface.specular:.9e}",
+        "GGX": str(scene.surface.distribution == "ggx").lower(),
+        "AMBIENT_PART": f"{scene.surface.ambient:.9e}",
+        "MARK_COUNT": str(count),
+        "MARK_EXTENTS": _vectors(marks[:, :4] if count else nothing),
+        "MARK_PAINTS": _vectors(np.array(paints) if count else nothing),
     }
+
+
+def _numbers(surface: Surface) -> Floats:
+    """Return a surface as the shader reads it."""
+    return np.array([surface.roughness**2, surface.specular, surface.diffuse])
 
 
 def _vectors(values: Floats) -> str:
@@ -144,6 +175,7 @@ def _linear_renderer(pyrender: Any, width: int, height: int, constants: dict[str
 
         def __init__(self) -> None:
             super().__init__(width, height)
+            self.surfaces: dict[int, Floats] = {}  # by the primitive's id
             self._program_cache = ShaderProgramCache(shader_dir=str(_SHADERS))
 
         def _get_primitive_program(self, *_: Any) -> Any:
@@ -153,6 +185,12 @@ def _linear_renderer(pyrender: Any, width: int, height: int, constants: dict[str
             if not program._in_context():
                 program._add_to_context()
             return program
+
+        def _bind_and_draw_primitive(
+            self, primitive: Any, pose: Any, program: Any, flags: Any
+        ) -> None:
+            program.set_uniform("own_surface", self.surfaces[id(primitive)])
+            super()._bind_and_draw_primitive(primitive, pose, program, flags)
 
         def _bind_lighting(self, *_: Any) -> None:
             """Leave pyrender's lights alone: the lamp stands in the shader."""

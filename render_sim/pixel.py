@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import j1, ndtr
 
 from glint_aoa.errors import InputError
-from render_sim.bodies import cylinder_hits
+from render_sim.bodies import body_hits
 from render_sim.light import radiance
 from render_sim.mirror import mirror_points
 from render_sim.motion import StaticMotion
@@ -186,7 +186,7 @@ def exposure_gain(scene: Scene) -> float:
     centre = _undistorted_line(camera, mirror_points(scene, pose, columns))
     offsets = np.arange(-12.0, 12.0, 0.05)
     rays = _undistorted_rays(camera, columns, centre + offsets[:, None])
-    points, normals = cylinder_hits(scene.body.radius_m, pose, camera.centre_m, rays)
+    points, normals = body_hits(scene.body, pose, camera.centre_m, rays)
     profile = np.nan_to_num(radiance(scene, points, normals, camera.centre_m))
     blur = Blur.of(scene)
     reach = blur.margin + 0.5

@@ -30,6 +30,7 @@ __all__ = [
     "Air",
     "Body",
     "Lamp",
+    "Marking",
     "Optics",
     "Recorder",
     "Scene",
@@ -55,25 +56,98 @@ class _Keys:
 
 
 @dataclass(frozen=True)
-class Body(_Keys):
-    """The fuselage: a tangent-ogive nose on a cylinder about the model's x axis, or a mesh file.
+class Marking(_Keys):
+    """A patch of the body with a surface of its own: a paint stripe, a panel joint, a screw.
+
+    It reaches half its length to either side of its station and half its width to either side of
+    its azimuth. It lies in the body's surface: it has no height, and casts no shadow.
 
     Attributes
     ----------
-    radius_m : float
-        Radius of the cylinder; with a mesh file, the radius that the mirror line is computed for.
-    base_station_m, shoulder_station_m, nose_station_m : float
-        Model x of the cylinder's aft end, of its forward end, and of the nose's tip.
-    mesh : Path or None
-        A file that trimesh reads, in metres and the model frame; used instead of the above by the
-        renderer that draws meshes.
+    station_m : float
+        Model x of its middle.
+    length_m : float or None
+        Extent along the axis; the whole body if None.
+    azimuth_rad : float
+        Of its middle about the axis: 0 on top, positive towards model +y [rad].
+    width_m : float or None
+        Extent round the body, as an arc about the axis where the body is thickest; all round if
+        None.
+    outline : {"rectangle", "ellipse"}
+        Whether it fills its length and width or the ellipse within.
+    roughness, specular, diffuse : float or None
+        As of `Surface`; the body's own if None.
     """
 
+    station_m: Annotated[Metres, Field(alias="station")] = 0.0
+    length_m: Annotated[PositiveMetres | None, Field(alias="length")] = None
+    azimuth_rad: Annotated[Radians, Field(alias="azimuth")] = 0.0
+    width_m: Annotated[PositiveMetres | None, Field(alias="width")] = None
+    outline: Literal["rectangle", "ellipse"] = "rectangle"
+    roughness: _Positive | None = None
+    specular: _Share | None = None
+    diffuse: _NotNegative | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse an ellipse without both its axes."""
+        if self.outline == "ellipse" and None in {self.length_m, self.width_m}:
+            raise ValueError("an ellipse needs both length and width")
+
+    def surface_on(self, own: "Surface") -> "Surface":
+        """Return its surface on a body whose own is given."""
+        told = {name: getattr(self, name) for name in ("roughness", "specular", "diffuse")}
+        return replace(own, **{name: each for name, each in told.items() if each is not None})
+
+
+@dataclass(frozen=True)
+class Body(_Keys):
+    """The fuselage, a tube with a nose about the model's x axis, or a mesh file.
+
+    Attributes
+    ----------
+    shape : {"ogive-cylinder", "cone-cylinder", "superellipse"}
+        A round tube with a tangent-ogive or with a conical nose; or a tube whose section is
+        |y / half width|^n + |z / half height|^n = 1, tapered to its tip as the ogive is.
+    radius_m : float
+        Radius of the cylinder; with a mesh file, the radius that the mirror line is computed for.
+    half_width_m, half_height_m : float or None
+        Half axes of a superellipse along model y and z; the radius if None.
+    exponent : float
+        Its exponent n, 2 for an ellipse; the greater, the squarer.
+    base_station_m, shoulder_station_m, nose_station_m : float
+        Model x of the tube's aft end, of its forward end, and of the nose's tip.
+    mesh : Path or None
+        An STL, OBJ, GLB or PLY file in the model frame; used instead of the above by the renderer
+        that draws meshes.
+    mesh_unit_m : float
+        Length that the mesh file calls one.
+    markings : tuple of Marking
+        What is painted on it; the later ones cover the earlier ones.
+    """
+
+    shape: Literal["ogive-cylinder", "cone-cylinder", "superellipse"] = "ogive-cylinder"
     radius_m: Annotated[PositiveMetres, Field(alias="radius")] = 0.060
+    half_width_m: Annotated[PositiveMetres | None, Field(alias="half_width")] = None
+    half_height_m: Annotated[PositiveMetres | None, Field(alias="half_height")] = None
+    exponent: Annotated[Number, Field(ge=2, le=6)] = 2.5
     base_station_m: Annotated[Metres, Field(alias="base_station")] = -0.45
     shoulder_station_m: Annotated[Metres, Field(alias="shoulder_station")] = 1.0
     nose_station_m: Annotated[Metres, Field(alias="nose_station")] = 1.25
     mesh: Path | None = None
+    mesh_unit_m: Annotated[PositiveMetres, Field(alias="mesh_unit")] = 1.0
+    markings: Annotated[tuple[Marking, ...], Field(alias="marking")] = ()
+
+    @property
+    def is_round(self) -> bool:
+        """Whether a section of it is a circle, as far as its dimensions say."""
+        return self.mesh is not None or self.shape != "superellipse"
+
+    @property
+    def half_axes_m(self) -> tuple[float, float]:
+        """Half width and half height of its tube [m]."""
+        if self.is_round:
+            return self.radius_m, self.radius_m
+        return self.half_width_m or self.radius_m, self.half_height_m or self.radius_m
 
 
 @dataclass(frozen=True)
@@ -311,6 +385,12 @@ class Scene(_Keys):
     view_station_m: Annotated[Metres, Field(alias="view_station")] = 0.45
     package_station_m: Annotated[Metres, Field(alias="package_station")] = 0.9
     glint_y_m: Annotated[Metres, Field(alias="glint_y")] = -0.049
+
+    @property
+    def surfaces(self) -> tuple[Surface, ...]:
+        """The body's own surface, then the others that its markings have, each once."""
+        marked = (each.surface_on(self.surface) for each in self.body.markings)
+        return tuple(dict.fromkeys((self.surface, *marked)))
 
     def with_window(self, first_line: int, rows: int) -> "Scene":
         """Return the scene recorded through a window of `rows` lines from `first_line` on."""

@@ -25,6 +25,7 @@ from render_sim.scene import (
     Air,
     Body,
     Lamp,
+    Marking,
     Optics,
     Recorder,
     Scene,
@@ -130,7 +131,10 @@ def test_the_scene_of_the_documents_names_every_key_and_is_the_papers(tmp_path):
     wrong = {"other_lamps": (), "air": Air(), "recorder": Recorder(), "shake": ()}
     assert replace(scene, **wrong) == paper_scene()
     assert all(getattr(scene, name) != usual for name, usual in wrong.items())
-    for part in (Scene, Air, Body, Lamp, Optics, Recorder, Sensor, Shake, Surface):
+    (tmp_path / "scene.toml").write_text(text + SIMULATION["# markings"])
+    assert len(load_scene(tmp_path / "scene.toml").body.markings) == 4
+    text += SIMULATION["# markings"]
+    for part in (Scene, Air, Body, Lamp, Marking, Optics, Recorder, Sensor, Shake, Surface):
         for key in keys_of(part):
             assert re.search(rf"\b{key}\b", text), f"{part.__name__}: {key}"
 
