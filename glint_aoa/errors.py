@@ -25,7 +25,13 @@ __all__ = [
 
 
 class GlintError(Exception):
-    """Base of every error that this project raises on purpose."""
+    """Base of every error that this project raises on purpose.
+
+    What a damaged file has put into a message is shown as spaces where it cannot be printed.
+    """
+
+    def __init__(self, message: object = "") -> None:
+        super().__init__("".join(c if c.isprintable() else " " for c in str(message)))
 
 
 class InputError(GlintError):

@@ -9,7 +9,7 @@ import scipy.io
 
 from glint_aoa.errors import RecordingError
 from glint_aoa.records.acquisition import LazySamples
-from glint_aoa.records.formats import matlab, open_acquisition
+from glint_aoa.records.formats import _matlab5, matlab, open_acquisition
 from glint_aoa.setup import Inertial
 
 HEADER = b"MATLAB 7.3 MAT-file, Platform: GLNXA64, Created on: Mon Jan 12 08:00:00 2026 HDF5 schema"
@@ -176,3 +176,57 @@ def test_samples_kept_in_other_files_are_refused(tmp_path):
     with h5py.File(path, "a") as file:
         file.create_dataset("ay", (4,), "f8", external=[("elsewhere.bin", 0, 32)])
     refused(path, "/ay keeps its data in other files, which are not followed; store the data in")
+
+
+def spoilt_5(path, place, content, *, packed=False):
+    scipy.io.savemat(path, {"ay_face": AY, "time": TIME}, do_compression=packed)
+    whole = bytearray(path.read_bytes())
+    whole[place : place + len(content)] = content
+    path.write_bytes(whole)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("place", "content", "what"),
+    [
+        (184, b"\0\0\0\0", "an element of unknown type 0"),  # of the samples; SciPy would crash
+        (128, b"\x63\0\0\0", "an element of unknown type 99"),
+        (132, b"\xff\xff\xff\xff", "an element of 4294967295 bytes ends outside the file"),
+        (188, b"\xff\xff\0\0", "an element of 65535 bytes ends outside its variable"),
+        (170, b"\x09\0", "a small element of 9 bytes"),
+    ],
+)
+def test_frames_that_lie_are_refused(tmp_path, place, content, what):
+    path = spoilt_5(tmp_path / "p.mat", place, content)
+    refused(path, f"not a MATLAB file or damaged ({what}); save or copy it again")
+
+
+def test_a_variable_that_unpacks_to_too_much_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(_matlab5, "MAX_UNPACKED_BYTES", 1 << 20)
+    path = tmp_path / "p.mat"
+    scipy.io.savemat(path, {"ay_face": np.zeros(1 << 18)}, do_compression=True)
+    assert path.stat().st_size < 10_000
+    refused(
+        path,
+        "not a MATLAB file or damaged (a variable unpacks to more than 1 MiB); "
+        "save or copy it again",
+    )
+
+
+def test_cells_and_structures_are_walked(tmp_path):
+    inner = {"ay_face": AY, "time": TIME, "note": "a", "cell": np.array([AY, "b"], dtype=object)}
+    path = write_5(tmp_path / "p.mat", {"das": inner, **inner})
+    _matlab5.check_frame(path)
+    deep = AY
+    for _ in range(20):
+        deep = {"a": deep}
+    write_5(path, {"das": deep})
+    with pytest.raises(ValueError, match="variables nested more than 16 deep"):
+        _matlab5.check_frame(path)
+
+
+def test_files_of_matlab_4_are_let_through(tmp_path):
+    path = tmp_path / "p.mat"
+    scipy.io.savemat(path, {"ay_face": AY, "time": TIME}, format="4")
+    _matlab5.check_frame(path)
+    assert open_acquisition(path)["ay_face"].rate_hz == pytest.approx(800.0)

@@ -29,7 +29,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg, stats
+from scipy import linalg, special
 
 from calibration.drift._model import Cause, Observations, Trial, observe, trials
 from calibration.drift._reference import SweepReference
@@ -98,7 +98,7 @@ class Hypothesis:
     @property
     def p_value(self) -> float:
         """Chance of so large a chi-square if the hypothesis is true."""
-        return float(stats.chi2.sf(self.chi_square, self.degrees_of_freedom))
+        return float(special.chdtrc(self.degrees_of_freedom, self.chi_square))
 
 
 @dataclass(frozen=True)
@@ -343,7 +343,7 @@ def _agreement(seen: Observations) -> float:
     where = seen.of("angle")
     values = seen.values[where]
     chi_square = values @ np.linalg.solve(seen.covariance[where, where], values)
-    return float(stats.chi2.sf(chi_square, values.size))
+    return float(special.chdtrc(values.size, chi_square))
 
 
 def _signatures(seen: Observations, points: Sequence[SweepPoint]) -> tuple[Change, ...]:

@@ -21,6 +21,7 @@ from glint_aoa.records.formats._channel_map import (
     stated_rate_and_start,
 )
 from glint_aoa.records.formats._hdf5_storage import check_inside, check_storage
+from glint_aoa.records.formats._matlab5 import check_frame
 from glint_aoa.records.formats._time_axis import TimeAxis, is_time_name, on_grid, time_unit_s
 from glint_aoa.setup import Axis, Inertial
 
@@ -87,6 +88,7 @@ def _variables_5(path: Path) -> dict[str, _Value]:
     import scipy.io  # noqa: PLC0415  slow to import, and only these files need it
 
     try:
+        check_frame(path)
         content = scipy.io.loadmat(path, simplify_cells=True)
     except Exception as error:
         raise _damaged(path, error) from error
