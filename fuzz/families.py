@@ -5,6 +5,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import av
+import cv2
 import h5py
 import numpy as np
 import pyuff
@@ -12,6 +14,7 @@ import scipy.io
 import tifffile
 from nptdms import ChannelObject, TdmsWriter
 
+from fuzz.cine_files import write_cine
 from glint_aoa.records.conditioning import prepared
 from glint_aoa.records.formats import open_acquisition, open_fields
 
@@ -184,11 +187,53 @@ def _matlab(folder: Path) -> list[list[Path]]:
     return [[folder / f"{name}.mat"] for name in ("plain", "packed", "new")]
 
 
+def _video(folder: Path) -> list[list[Path]]:
+    grey = np.repeat(np.repeat(_FIELDS, 4, axis=1), 4, axis=2)
+    colour = np.concatenate([grey, grey[:, :20] // 2 + 64], axis=1)
+    kinds = (
+        ("whole.avi", "ffv1", "gray", grey),
+        ("whole.mkv", "ffv1", "gray", grey),
+        ("lossy.mp4", "mpeg4", "yuv420p", colour),
+    )
+    for name, codec, layout, frames in kinds:
+        with av.open(str(folder / name), "w") as container:
+            stream = container.add_stream(codec, rate=30)
+            stream.width, stream.height, stream.pix_fmt = grey.shape[2], grey.shape[1], layout
+            for pixels in frames:
+                frame = av.VideoFrame.from_ndarray(pixels, format=layout)
+                container.mux(stream.encode(frame))
+            container.mux(stream.encode())
+    return [[folder / name] for name, *_ in kinds]
+
+
+def _cine(folder: Path) -> list[list[Path]]:
+    deep = _FIELDS.astype(np.uint16) * 4
+    levels = {"8": (_FIELDS, 0), "16": (deep, 0), "packed": (np.repeat(deep, 2, axis=2), 256)}
+    for name, (images, packing) in levels.items():
+        write_cine(folder / f"{name}.cine", images, packing=packing)
+    return [[folder / f"{name}.cine"] for name in levels]
+
+
+def _pictures(folder: Path) -> list[list[Path]]:
+    (folder / "pictures").mkdir()
+    paths = [folder / "pictures" / f"p{number}.png" for number in range(3)]
+    for path, pixels in zip(paths, _FIELDS, strict=False):
+        cv2.imwrite(str(path), pixels)
+    return [[*paths]]
+
+
+def _read_folder(path: Path) -> None:
+    read_fields(path.parent)
+
+
 FAMILIES = {
     "hdf5": Family(_hdf5, _read_point),
     "numpy": Family(_numpy, read_fields),
     "tiff": Family(_tiff, read_fields),
     "photron": Family(_photron, read_fields),
+    "cine": Family(_cine, read_fields),
+    "video": Family(_video, read_fields),
+    "pictures": Family(_pictures, _read_folder),
     "csv": Family(_csv, read_channels),
     "tdms": Family(_tdms, read_channels),
     "uff": Family(_uff, read_channels),

@@ -2,6 +2,7 @@
 
 import multiprocessing
 import resource
+import shutil
 import signal
 import tempfile
 import warnings
@@ -124,7 +125,8 @@ def read_one(
     files = whole[int(rng.integers(len(whole)))]
     victim = int(rng.integers(len(files)))
     place = folder / "spoilt"
-    place.mkdir(exist_ok=True)
+    shutil.rmtree(place, ignore_errors=True)
+    place.mkdir()
     for number, path in enumerate(files):
         content = path.read_bytes()
         (place / path.name).write_bytes(spoilt(content, rng) if number == victim else content)

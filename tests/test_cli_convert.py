@@ -9,9 +9,9 @@ import nptdms
 import numpy as np
 import pytest
 import tifffile
-from cine_files import write_cine
 from films import film, vibration, write_video
 
+from fuzz.cine_files import write_cine
 from glint_aoa.cli import main
 from glint_aoa.records.formats import open_acquisition, open_fields
 from glint_aoa.records.points import RecordedPoint, write_point

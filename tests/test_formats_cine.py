@@ -6,11 +6,11 @@ import struct
 import av
 import numpy as np
 import pytest
-from cine_files import write_cine
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from recordings import recording
 
+from fuzz.cine_files import write_cine
 from glint_aoa.errors import RecordingError
 from glint_aoa.records.formats import open_fields
 from glint_aoa.records.formats.cine import linear_of_10_bits, unpack_10_bits

@@ -16,6 +16,7 @@ def packed_bits(levels, bits):
 
 
 def time64(seconds):
+    """Pack a time as 1 / 2^32 s and whole seconds."""
     whole = int(seconds // 1)
     return struct.pack("<II", round((seconds - whole) * 2**32) & ~3, whole)
 
@@ -26,6 +27,7 @@ def after(trigger, seconds):
 
 
 def setup_of(keys, length=SETUP_LENGTH):
+    """Make a SETUP of so many bytes with numbers at places."""
     content = bytearray(length)
     content[140:144] = b"ST" + struct.pack("<H", length)
     for place, value in keys.items():
