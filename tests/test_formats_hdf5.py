@@ -435,3 +435,36 @@ def test_mutated_files_give_fields_or_our_own_error(tmp_path_factory, data):
     except RecordingError as error:
         complaints.append(str(error))
     assert all(str(path) in complaint for complaint in complaints)
+
+
+def heap_of(path):
+    """Place of the heap, and of each of its objects with the bytes that it takes."""
+    content = path.read_bytes()
+    place = content.index(b"GCOL")
+    at, objects = place + 16, []
+    while int.from_bytes(content[at : at + 2], "little"):
+        taken = int.from_bytes(content[at + 8 : at + 16], "little")
+        objects.append((at, taken))
+        at += 16 + -(-taken // 8) * 8
+    return place, [*objects, (at, int.from_bytes(content[at + 8 : at + 16], "little"))]
+
+
+def test_heaps_that_hdf5_would_follow_without_end_are_refused(tmp_path):
+    path = tmp_path / "p.h5"
+    with h5py.File(path, "w") as file:
+        file["fields"] = noisy_fields()
+        file["fields"].attrs.update({"first_parity": "even", "trigger_time": "2026-01-12T08:00:00"})
+    whole = path.read_bytes()
+    place, objects = heap_of(path)
+    assert [taken for _, taken in objects[:-1]] == [4, 19]
+    damaged = f"not an HDF5 file or damaged (the heap at byte {place} does not add up); "
+    changes = [(at, taken + 8 * k) for at, taken in objects for k in (1000, 2**40)]
+    changes += [(objects[-1][0], 0), (objects[-1][0], 16), (place, 0), (place, 2**50)]
+    for number, (at, size) in enumerate(changes):
+        content = bytearray(whole)
+        content[at + 8 : at + 16] = size.to_bytes(8, "little")
+        spoilt = tmp_path / f"p{number}.h5"
+        spoilt.write_bytes(content)
+        with pytest.raises(RecordingError, match=re.escape(f"{spoilt}: {damaged}")):
+            open_fields(spoilt)
+    assert open_fields(path).info.first_parity == "even"

@@ -193,7 +193,10 @@ def spoilt_5(path, place, content, *, packed=False):
         (128, b"\x63\0\0\0", "an element of unknown type 99"),
         (132, b"\xff\xff\xff\xff", "an element of 4294967295 bytes ends outside the file"),
         (188, b"\xff\xff\0\0", "an element of 65535 bytes ends outside its variable"),
-        (170, b"\x09\0", "a small element of 9 bytes"),
+        (282, b"\x09\0", "a small element of 9 bytes"),
+        (136, b"\5", "a variable that does not begin with its class"),
+        (156, b"\x18", "a variable of class 6 whose parts do not fit it"),  # takes the name
+        (145, b"\xff", "a variable of class 6 whose parts do not fit it"),  # complex
     ],
 )
 def test_frames_that_lie_are_refused(tmp_path, place, content, what):

@@ -4,6 +4,10 @@ Serves recorded points and MATLAB files of version 7.3.
 """
 
 import math
+import mmap
+import struct
+from collections.abc import Iterator
+from functools import lru_cache
 from pathlib import Path
 
 import h5py
@@ -11,7 +15,7 @@ import h5py
 from glint_aoa.errors import RecordingError
 from glint_aoa.records.fields import MAX_FIELD_BYTES
 
-__all__ = ["check_inside", "check_storage"]
+__all__ = ["check_heaps", "check_inside", "check_storage"]
 
 
 def check_inside(path: Path, dataset: h5py.Dataset) -> None:
@@ -45,3 +49,61 @@ def check_storage(path: Path, dataset: h5py.Dataset) -> None:
             f"{path}: {dataset.name} promises {list(dataset.shape)} of {dataset.dtype}, but the "
             "file stores less; it is cut short, record or copy it again"
         )
+
+
+_HEAP, _HEAP_HEAD, _OBJECT_HEAD = b"GCOL\x01\0\0\0", 16, 16
+_SEARCHED = 64 << 20  # bytes at either end of a file
+
+
+def check_heaps(path: Path) -> None:
+    """Walk, once for each state of the file, the heaps in which HDF5 keeps texts.
+
+    The library follows the sizes in them without end if one is wrong. Of a long file only both ends
+    are searched for heaps.
+
+    Raises
+    ------
+    RecordingError
+        If a heap does not add up.
+    """
+    status = path.stat()
+    wrong = _wrong_heap(path, status.st_size, status.st_mtime_ns)
+    if wrong is not None:
+        raise RecordingError(
+            f"{path}: not an HDF5 file or damaged (the heap at byte {wrong} does not add up); "
+            "record or copy it again"
+        )
+
+
+@lru_cache(maxsize=4096)
+def _wrong_heap(path: Path, size: int, _changed_ns: int) -> int | None:
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+        for start in {0, max(_SEARCHED, size - _SEARCHED)}:
+            for place in _heaps(content, start):
+                if not _adds_up(content, place):
+                    return place
+    return None
+
+
+def _heaps(content: mmap.mmap, start: int) -> Iterator[int]:
+    place = content.find(_HEAP, start, start + _SEARCHED)
+    while place >= 0:
+        yield place
+        place = content.find(_HEAP, place + 1, start + _SEARCHED)
+
+
+def _adds_up(content: mmap.mmap, place: int) -> bool:
+    """Whether a heap's objects, each with a head of number and size, fill it."""
+    if place + _HEAP_HEAD > len(content):
+        return False
+    size: int = struct.unpack_from("<Q", content, place + 8)[0]
+    end, at = place + size, place + _HEAP_HEAD
+    if size < _HEAP_HEAD or end > len(content):
+        return False
+    taken: int
+    while at + _OBJECT_HEAD <= end:
+        number, taken = struct.unpack_from("<H6xQ", content, at)
+        if number == 0:  # what is free, its head included
+            return taken == end - at
+        at += _OBJECT_HEAD + taken + -taken % 8
+    return at <= end

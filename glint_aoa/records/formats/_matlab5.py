@@ -15,6 +15,8 @@ MAX_UNPACKED_BYTES = 1 << 29
 
 _HEADER = 128
 _MATRIX, _PACKED = 14, 15
+_UINT32, _TEXT, _NUMBERS, _COMPLEX = 6, 4, range(6, 16), 0x0800
+_HEAD = [5, 1]  # after the class: int32 dimensions, int8 name
 _KNOWN = {1, 2, 3, 4, 5, 6, 7, 9, 12, 13, _MATRIX, 16, 17, 18}
 _DEEPEST = 16
 _CHUNK = 1 << 20
@@ -71,19 +73,40 @@ def _check_inside(order: str, content: bytes, *, depth: int) -> None:
     """Check the elements of a matrix; nested ones are those of cells and structures."""
     if depth > _DEEPEST:
         raise ValueError(f"variables nested more than {_DEEPEST} deep")
-    place = 0
+    if not content:  # how an empty field of a structure is stored
+        return
+    kinds, place = [], 0
     while place < len(content):
-        kind, size = _tag(order, content[place : place + 8])
-        if kind >> 16:  # a small one holds its bytes within the tag
-            kind, size, start, place = kind & 0xFFFF, kind >> 16, place + 4, place + 8
-            if size > 4:
-                raise ValueError(f"a small element of {size} bytes")
-        else:
-            start = place + 8
-            place = start + size + -size % 8
-        if kind not in _KNOWN:
-            raise ValueError(f"an element of unknown type {kind}")
-        if start + size > len(content):
-            raise ValueError(f"an element of {size} bytes ends outside its variable")
+        kind, size, start, place = _element(order, content, place)
+        kinds.append(kind)
+        if len(kinds) == 1:
+            _check_flags(kind, size)
         if kind == _MATRIX:
             _check_inside(order, content[start : start + size], depth=depth + 1)
+    (flags,) = struct.unpack_from(order + "I", content, 8)
+    own, is_complex = flags & 0xFF, bool(flags & _COMPLEX)
+    is_plain = own == _TEXT or own in _NUMBERS
+    if kinds[1:3] != _HEAD or (is_plain and len(kinds) != 4 + is_complex):
+        raise ValueError(f"a variable of class {own} whose parts do not fit it")
+
+
+def _element(order: str, content: bytes, place: int) -> tuple[int, int, int, int]:
+    """Return an element's type and size, where its bytes are, and where the next one begins."""
+    kind, size = _tag(order, content[place : place + 8])
+    if kind >> 16:  # a small one holds its bytes within the tag
+        kind, size, start, after = kind & 0xFFFF, kind >> 16, place + 4, place + 8
+        if size > 4:
+            raise ValueError(f"a small element of {size} bytes")
+    else:
+        start = place + 8
+        after = start + size + -size % 8
+    if kind not in _KNOWN:
+        raise ValueError(f"an element of unknown type {kind}")
+    if start + size > len(content):
+        raise ValueError(f"an element of {size} bytes ends outside its variable")
+    return kind, size, start, after
+
+
+def _check_flags(kind: int, size: int) -> None:
+    if (kind, size) != (_UINT32, 8):
+        raise ValueError("a variable that does not begin with its class")

@@ -27,7 +27,7 @@ from glint_aoa.records.formats._channel_map import (
     mapped_channel,
     stated_rate_and_start,
 )
-from glint_aoa.records.formats._hdf5_storage import check_inside, check_storage
+from glint_aoa.records.formats._hdf5_storage import check_heaps, check_inside, check_storage
 from glint_aoa.setup import Axis, Inertial
 from glint_aoa.units import convert
 
@@ -209,6 +209,7 @@ def _opened(path: Path) -> Iterator[h5py.File]:
     """Open a file to read; whatever HDF5 makes of its content is one of our own errors."""
     size_of(path)
     try:
+        check_heaps(path)
         with h5py.File(path, "r") as file:
             yield file
     except RecordingError:

@@ -20,7 +20,7 @@ from glint_aoa.records.formats._channel_map import (
     mapped_record,
     stated_rate_and_start,
 )
-from glint_aoa.records.formats._hdf5_storage import check_inside, check_storage
+from glint_aoa.records.formats._hdf5_storage import check_heaps, check_inside, check_storage
 from glint_aoa.records.formats._matlab5 import check_frame
 from glint_aoa.records.formats._time_axis import TimeAxis, is_time_name, on_grid, time_unit_s
 from glint_aoa.setup import Axis, Inertial
@@ -108,6 +108,7 @@ def _plain(value: Any) -> _Value:
 
 def _variables_7_3(path: Path) -> dict[str, _Value]:
     try:
+        check_heaps(path)
         with h5py.File(path, "r") as file:
             found = {name: _stored(path, file, name) for name in _own(file)}
     except RecordingError:
