@@ -135,7 +135,7 @@ def read_one(
         family.read(place / files[-1].name)
     except GlintError as error:
         text = str(error)
-        if "\n" in text or str(place) not in text:
+        if "\n" in text or not any(each.stem in text for each in files):
             return f"not a sentence that names the file: {text!r}"
         return "refused"
     except BaseException as error:  # whatever it is, it is a failure

@@ -468,3 +468,14 @@ def test_heaps_that_hdf5_would_follow_without_end_are_refused(tmp_path):
         with pytest.raises(RecordingError, match=re.escape(f"{spoilt}: {damaged}")):
             open_fields(spoilt)
     assert open_fields(path).info.first_parity == "even"
+
+
+def test_attributes_that_are_neither_numbers_nor_text_are_refused(point):
+    rates = np.empty(1, h5py.vlen_dtype(np.float64))
+    rates[0] = np.array([60.0, 60.0])
+    point["fields"].attrs["rate_hz"] = rates
+    assert_refused(
+        point,
+        "not an HDF5 file or damaged (attribute rate_hz of /fields is neither numbers nor text); "
+        "record or copy it again",
+    )

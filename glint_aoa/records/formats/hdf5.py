@@ -44,6 +44,7 @@ MAX_TRUTH_BYTES = 1 << 30
 """What the truth of one point may take in memory [bytes]."""
 
 _MOST_ATTRIBUTE_BYTES = 1 << 16
+_PLAIN = {h5py.h5t.INTEGER, h5py.h5t.FLOAT, h5py.h5t.STRING, h5py.h5t.ENUM}
 
 
 def open_hdf5(path: Path) -> FieldStack:
@@ -342,7 +343,10 @@ def _attribute(owner: h5py.HLObject, name: str) -> Any:
     attributes = owner.attrs
     if name not in attributes:
         return None
-    if attributes.get_id(name).get_storage_size() > _MOST_ATTRIBUTE_BYTES:
+    stored = attributes.get_id(name)
+    if stored.get_type().get_class() not in _PLAIN:
+        raise ValueError(f"attribute {name} of {owner.name} is neither numbers nor text")
+    if stored.get_storage_size() > _MOST_ATTRIBUTE_BYTES:
         raise ValueError(f"attribute {name} of {owner.name} is too large")
     value = attributes[name]
     if isinstance(value, np.ndarray):
