@@ -333,3 +333,21 @@ def test_the_papers_records_show_its_figures():
     assert all(records[name].duration_s >= 85 for name in records if "regression" in name)
     filmed = [p for p in records.values() if p.n_fields]
     assert [(p.n_fields, p.window[1]) for p in filmed] == [(276, 20)] * 2  # 4.6 s
+
+
+@pytest.mark.usefixtures("flat")
+def test_the_truth_in_the_file_is_that_of_the_stored_poses(tmp_path):
+    """The body's axis through two of its points, nose to the left, from the file alone."""
+    (tmp_path / "a.toml").write_text(SMALL + RECORD)
+    for path in simulate_campaign(load_campaign(tmp_path / "a.toml"), tmp_path / "out", seed=4):
+        truth = read_truth(path)
+        tail, nose = (truth["pose"] @ np.array([x, 0.0, 0.0, 1.0]) for x in (-0.3, 0.9))
+        along = nose - tail
+        level = np.hypot(along[..., 0], along[..., 1])
+        pitch = np.degrees(np.arctan(along[..., 2] / level)).mean(axis=1)
+        yaw = np.degrees(np.arctan(along[..., 1] / along[..., 0])).mean(axis=1)
+        share = -tail[..., 0] / along[..., 0]
+        height = 1e3 * (tail[..., 2] + share * along[..., 2]).mean(axis=1)
+        np.testing.assert_allclose(truth["pitch_deg"], pitch, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(truth["yaw_deg"], yaw, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(truth["axis_intercept_mm"], height, rtol=0, atol=1e-9)
