@@ -20,8 +20,7 @@ from glint_aoa.process import load_sweep, measure_point, process_point
 from glint_aoa.records.acquisition import AcquisitionRecord
 from glint_aoa.records.angles import check_new_results, log_result
 from glint_aoa.records.conditioning import prepared
-from glint_aoa.records.formats import HDF5_SUFFIXES, open_acquisition, open_fields
-from glint_aoa.records.formats.hdf5 import read_meta
+from glint_aoa.records.formats import open_acquisition, open_fields, said_of
 from glint_aoa.setup import Setup
 from glint_aoa.workers import Workers
 
@@ -186,10 +185,11 @@ def compare_points(
         If a recording or the setup cannot be used, a run does not start and end with the shaker
         off, or all points are of sweeps or single records.
     """
-    of_runs = [path for path in map(Path, paths) if not _is_record(path)]
+    said = {path: said_of(path) for path in map(Path, paths)}
+    of_runs = {path: meta for path, meta in said.items() if meta.get("run_kind") != "record"}
     if paths and not of_runs:
         raise InputError("all points are single records; give the points of runs at one angle")
-    told = {path: announced_point(path, open_fields(path).meta) for path in of_runs}
+    told = {path: announced_point(path, meta) for path, meta in of_runs.items()}
     sweeps = _sweeps(told.values())
     in_runs = {path: point for path, point in told.items() if point.run not in sweeps}
     if sweeps and not in_runs:
@@ -217,13 +217,6 @@ def compare_points(
     return done
 
 
-def _is_record(path: Path) -> bool:
-    """Whether a file is a single record, which may hold no fields."""
-    if path.suffix.lower() not in HDF5_SUFFIXES:
-        return False
-    return read_meta(path).get("run_kind") == "record"
-
-
 def _sweeps(points: Iterable[BenchmarkPoint]) -> set[str]:
     """Find the runs whose nominal angle changes from point to point."""
     angles: dict[str, list[float]] = {}
@@ -234,6 +227,7 @@ def _sweeps(points: Iterable[BenchmarkPoint]) -> set[str]:
 
 
 def _check_point(path: Path, *, setup: Setup, new_in: Path | None) -> None:
+    open_fields(path)
     prepared(open_acquisition(path, setup.inertial))
     if new_in is not None:
         check_new_results(new_in, path.stem)

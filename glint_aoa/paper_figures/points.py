@@ -18,8 +18,8 @@ from glint_aoa.paper_figures.table import Kind, Wanted
 from glint_aoa.records.acquisition import AcquisitionRecord
 from glint_aoa.records.conditioning import prepared
 from glint_aoa.records.fields import FieldStack
-from glint_aoa.records.formats import HDF5_SUFFIXES, open_acquisition, open_fields
-from glint_aoa.records.formats.hdf5 import has_fields, read_meta
+from glint_aoa.records.formats import HDF5_SUFFIXES, open_acquisition, open_fields, said_of
+from glint_aoa.records.formats.hdf5 import has_fields
 from glint_aoa.setup import Setup
 
 __all__ = ["CampaignPoint", "MissingPointError", "as_recorded_on_line", "chosen", "read_points"]
@@ -178,8 +178,7 @@ def chosen(points: Sequence[CampaignPoint], wanted: Wanted) -> list[CampaignPoin
 
 def _read(path: Path, setup: Setup) -> CampaignPoint | None:
     """Read one point; None for a single record of an excitation that no figure shows."""
-    is_point = path.suffix.lower() in HDF5_SUFFIXES
-    meta = read_meta(path) if is_point else open_fields(path).meta
+    meta = said_of(path)
     if meta.get("run_kind") == "record" and meta.get("excitation_kind") not in get_args(Kind):
         return None
     off = meta.get("shaker_off_s")

@@ -6,7 +6,7 @@ claims against what the file is, and hands back a stack that reads block by bloc
 """
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from glint_aoa.errors import RecordingError
@@ -16,7 +16,12 @@ from glint_aoa.records.fields import FieldStack
 from glint_aoa.records.formats._beside import Beside, told_beside, with_told
 from glint_aoa.records.formats.cine import open_cine
 from glint_aoa.records.formats.csv_text import read_csv
-from glint_aoa.records.formats.hdf5 import has_acquisition, open_hdf5, read_acquisition
+from glint_aoa.records.formats.hdf5 import (
+    has_acquisition,
+    open_hdf5,
+    read_acquisition,
+    read_meta,
+)
 from glint_aoa.records.formats.matlab import read_matlab
 from glint_aoa.records.formats.numpy_files import open_npy, open_npz
 from glint_aoa.records.formats.photron import open_photron
@@ -35,6 +40,7 @@ __all__ = [
     "channels_beside",
     "open_acquisition",
     "open_fields",
+    "said_of",
 ]
 
 _Reader = Callable[[Path, Beside, Fields], FieldStack]
@@ -216,3 +222,16 @@ def _reader_by_content(path: Path) -> _AcquisitionReader | None:
     if head.startswith(b"TDSm"):
         return read_tdms
     return read_uff if _FIRST_DATA_SET.match(head) else None
+
+
+def said_of(path: Path) -> Mapping[str, object]:
+    """Return what a recording says of its point: run, point, excitation and the like.
+
+    HDF5 points need hold no fields for it.
+
+    Raises
+    ------
+    RecordingError
+        If the file cannot be opened.
+    """
+    return read_meta(path) if path.suffix.lower() in HDF5_SUFFIXES else open_fields(path).meta
