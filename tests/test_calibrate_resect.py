@@ -3,7 +3,6 @@
 import csv
 import json
 import re
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,7 +14,6 @@ from known_targets import APPROXIMATE, STD, TRUE, board
 from matplotlib.figure import Figure
 
 from calibration.resection.resect import SpaceResection
-from glint_aoa.cli import main
 from glint_aoa.report.resection_figures import resection_figure
 from render_sim.discs import paint
 
@@ -56,17 +54,13 @@ def undrawn(monkeypatch):
 
 
 @pytest.fixture
-def program(here, monkeypatch, capsys):
-    """Run the program as its console script does; returns exit code, stdout and stderr."""
+def program(program, here):
+    """Run ``calibrate resect``; returns exit code, stdout and stderr."""
 
     def run(*arguments):
-        given = ["glint-aoa", "calibrate", "resect", *map(str, arguments)]
-        monkeypatch.setattr(sys, "argv", given)
-        with pytest.raises(SystemExit) as end:
-            main()
-        out, err = capsys.readouterr()
+        code, out, err = program("calibrate", "resect", *arguments)
         assert "Traceback" not in out + err
-        return end.value.code or 0, out, err
+        return code, out, err
 
     return run
 

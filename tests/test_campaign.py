@@ -193,18 +193,6 @@ def test_film_and_acquisition_share_the_motion(small):
     assert recorded.truth["pitch_deg"][0] == pytest.approx(exact[0], abs=1e-3)
 
 
-@pytest.fixture
-def flat(monkeypatch):
-    monkeypatch.setattr(
-        "render_sim.campaign.make_renderer", lambda scene, _: FlatRenderer(scene.sensor.rows)
-    )
-    from render_sim.campaign import _renderer
-
-    _renderer.cache_clear()
-    yield
-    _renderer.cache_clear()
-
-
 @pytest.mark.usefixtures("flat")
 def test_campaign_writes_points_that_can_be_read(small, tmp_path):
     paths = list(simulate_campaign(small, tmp_path / "out", seed=1))

@@ -28,19 +28,6 @@ from render_sim.campaign import (
 from render_sim.disturbance import LooseMass, loose_signals
 from render_sim.drive import Series
 
-
-@pytest.fixture
-def flat(monkeypatch):
-    monkeypatch.setattr(
-        "render_sim.campaign.make_renderer", lambda scene, _: FlatRenderer(scene.sensor.rows)
-    )
-    from render_sim.campaign import _renderer
-
-    _renderer.cache_clear()
-    yield
-    _renderer.cache_clear()
-
-
 ACQUIRED = """
 [[record]]
 name = "acquired"

@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import sys
 
 import cv2
 import numpy as np
@@ -11,7 +10,6 @@ from board_pictures import Lens, chessboard, interlaced, pose, views
 
 from calibration.camera.boards import Board, BoardImage
 from calibration.camera.calibrate import CameraCalibration, calibrate_camera
-from glint_aoa.cli import main
 from glint_aoa.cli.calibrate_camera import _warn
 
 LENS = Lens(0.0175, sensor=(376, 120), principal=(190.3, 58.2), distortion=(-0.2, 0, 0, 0, 0))
@@ -47,18 +45,13 @@ def pictures(tmp_path_factory):
 
 
 @pytest.fixture
-def program(pictures, tmp_path, monkeypatch, capsys):
+def program(program, pictures, tmp_path, monkeypatch):
     """Run ``calibrate camera`` on the pictures; returns exit code, stdout and stderr."""
 
     def run(*arguments, names="board-*.png", out="camera.toml"):
         monkeypatch.chdir(pictures)
         images = [path.name for path in sorted(pictures.glob(names))]
-        words = [*images, *map(str, arguments), "--out", str(tmp_path / out)]
-        monkeypatch.setattr(sys, "argv", ["glint-aoa", "calibrate", "camera", *words])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        said = capsys.readouterr()
-        return ended.value.code or 0, said.out, said.err
+        return program("calibrate", "camera", *images, *arguments, "--out", tmp_path / out)
 
     return run
 

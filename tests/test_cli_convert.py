@@ -2,7 +2,6 @@
 
 import json
 import re
-import sys
 
 import h5py
 import nptdms
@@ -12,7 +11,6 @@ import tifffile
 from films import film, vibration, write_video
 
 from fuzz.cine_files import write_cine
-from glint_aoa.cli import main
 from glint_aoa.records.formats import open_acquisition, open_fields
 from glint_aoa.records.points import RecordedPoint, write_point
 
@@ -24,19 +22,11 @@ FRAMES = film(24, (48, 80), row=vibration(3.0, 2.0))
 
 
 @pytest.fixture
-def program(monkeypatch, capsys, tmp_path):
-    """Run the command line beside a setup file; returns exit code, stdout and stderr."""
+def program(program, monkeypatch, tmp_path):
+    """Run the command line beside a setup file."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "glint-aoa.toml").write_text(SETUP)
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["glint-aoa", *map(str, arguments)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        said = capsys.readouterr()
-        return ended.value.code or 0, said.out, said.err
-
-    return run
+    return program
 
 
 def write_mraw(folder):

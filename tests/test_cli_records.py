@@ -2,7 +2,6 @@
 
 import json
 import re
-import sys
 
 import h5py
 import nptdms
@@ -12,7 +11,6 @@ import pyuff
 import scipy.io
 from test_formats_uff import data_set
 
-from glint_aoa.cli import main
 from glint_aoa.flags import Flag
 
 RATE_HZ, SECONDS = 800.0, 24.0
@@ -87,19 +85,11 @@ WRITERS = {"csv": write_csv, "tdms": write_tdms, "uff": write_uff, "mat": write_
 
 
 @pytest.fixture
-def program(monkeypatch, capsys, tmp_path):
-    """Run the command line beside a setup file; returns exit code, stdout and stderr."""
+def program(program, monkeypatch, tmp_path):
+    """Run the command line beside a setup file."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "glint-aoa.toml").write_text(SETUP)
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["glint-aoa", *map(str, arguments)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        said = capsys.readouterr()
-        return ended.value.code or 0, said.out, said.err
-
-    return run
+    return program
 
 
 def corrected(path):

@@ -2,14 +2,11 @@
 
 import csv
 import json
-import sys
 
 import cv2
 import numpy as np
 import pytest
 import wings
-
-from glint_aoa.cli import main
 
 TWISTS = (2.0, -1.5)
 
@@ -31,17 +28,12 @@ def films(tmp_path_factory):
 
 
 @pytest.fixture
-def program(films, tmp_path, monkeypatch, capsys):
+def program(program, films, tmp_path, monkeypatch):
     """Run ``twist`` in the folder of the films; returns exit code, stdout and stderr."""
 
     def run(*arguments, out=tmp_path / "out"):
         monkeypatch.chdir(films)
-        words = [*map(str, arguments), "--targets", "targets.csv", "--out", str(out)]
-        monkeypatch.setattr(sys, "argv", ["glint-aoa", "twist", *words])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        said = capsys.readouterr()
-        return ended.value.code or 0, said.out, said.err
+        return program("twist", *arguments, "--targets", "targets.csv", "--out", out)
 
     return run
 

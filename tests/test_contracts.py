@@ -2,7 +2,6 @@
 
 import csv
 import json
-import sys
 
 import h5py
 import numpy as np
@@ -22,7 +21,6 @@ from independent_camera import (
 from independent_package import GRAVITY, MODE_1, RATE_HZ, swinging
 
 import glint_aoa
-from glint_aoa.cli import main
 
 NO_GLINT, UNCALIBRATED, OUTSIDE, TIMING, CLIPPED, SETTLING = 1, 64, 128, 256, 512, 1024
 
@@ -47,20 +45,6 @@ LEVEL = Line(pitch_deg=2.0)
 @pytest.fixture
 def rng():
     return np.random.default_rng(20240531)
-
-
-@pytest.fixture
-def program(monkeypatch, capsys):
-    """Run the command line; returns exit code, stdout and stderr."""
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["glint-aoa", *map(str, arguments)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        said = capsys.readouterr()
-        return ended.value.code or 0, said.out, said.err
-
-    return run
 
 
 def rows(path):

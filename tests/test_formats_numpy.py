@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
+from mutated import complaint_about, spoil
 
 from glint_aoa.errors import RecordingError
 from glint_aoa.records.formats import numpy_files, open_fields
@@ -205,14 +206,6 @@ def test_mutated_files_give_fields_or_our_own_error(tmp_path_factory, data, suff
     path = tmp_path_factory.mktemp("fuzz") / f"a.{suffix}"
     fields = np.arange(60, dtype=np.uint8).reshape(3, 4, 5)
     np.save(path, fields) if suffix == "npy" else np.savez_compressed(path, fields=fields)
-    content = bytearray(path.read_bytes())
-    for _ in range(data.draw(st.integers(1, 4))):
-        content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
-    path.write_bytes(content[: data.draw(st.integers(1, len(content)))])
-    complaint = None
-    try:
-        stack = open_fields(path)
-        assert stack.read(0, len(stack)).shape == stack.shape
-    except RecordingError as error:
-        complaint = str(error)
+    spoil(path, data)
+    complaint = complaint_about(path)
     assert complaint is None or str(path) in complaint

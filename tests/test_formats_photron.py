@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mutated import complaint_about, spoil
 
 from glint_aoa.errors import RecordingError
 from glint_aoa.records.formats import open_fields
@@ -221,14 +222,6 @@ def test_empty_header_is_refused(tmp_path):
 def test_mutated_headers_give_fields_or_our_own_error(tmp_path_factory, data):
     folder = tmp_path_factory.mktemp("fuzz")
     path = write_recording(folder, fields_8().tobytes())
-    content = bytearray((folder / "a.cih").read_bytes())
-    for _ in range(data.draw(st.integers(1, 6))):
-        content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
-    (folder / "a.cih").write_bytes(content[: data.draw(st.integers(0, len(content)))])
-    complaint = None
-    try:
-        stack = open_fields(path)
-        assert stack.read(0, len(stack)).shape == stack.shape
-    except RecordingError as error:
-        complaint = str(error)
+    spoil(folder / "a.cih", data, most=6, least=0)
+    complaint = complaint_about(path)
     assert complaint is None or str(folder) in complaint

@@ -2,7 +2,6 @@
 
 import json
 import re
-import sys
 import tomllib
 from types import SimpleNamespace
 
@@ -10,7 +9,7 @@ import numpy as np
 import pytest
 import rigid_body
 
-from glint_aoa.cli import benchmark_inertial, main
+from glint_aoa.cli import benchmark_inertial
 from glint_aoa.cli._inertial_study import DAS_CHANNELS, study_records
 from glint_aoa.cli._regression_study import PaperRow
 from glint_aoa.errors import InputError
@@ -146,18 +145,11 @@ FOUND = {
 
 
 @pytest.fixture
-def program(tmp_path, monkeypatch, capsys):
-    """Run the program in an empty folder; returns exit code, stdout and stderr."""
+def program(program, monkeypatch, tmp_path):
+    """Run the program in an empty folder."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "100")
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["glint-aoa", *map(str, arguments)])
-        with pytest.raises(SystemExit) as end:
-            main()
-        return end.value.code or 0, *capsys.readouterr()
-
-    return run
+    return program
 
 
 @pytest.fixture

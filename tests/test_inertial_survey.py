@@ -2,14 +2,12 @@
 
 import json
 import re
-import sys
 
 import numpy as np
 import pytest
 import pyuff
 import recordings
 
-from glint_aoa.cli import main
 from glint_aoa.errors import InputError, RecordingError
 from glint_aoa.inertial.analyser import frequency_responses
 from glint_aoa.inertial.identification import (
@@ -286,17 +284,10 @@ def test_a_record_without_accelerometers_of_the_plane_is_refused():
 
 
 @pytest.fixture
-def program(tmp_path, monkeypatch, capsys):
-    """Run the program in an empty folder; returns exit code, stdout and stderr."""
+def program(program, monkeypatch, tmp_path):
+    """Run the program in an empty folder."""
     monkeypatch.chdir(tmp_path)
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["glint-aoa", *map(str, arguments)])
-        with pytest.raises(SystemExit) as end:
-            main()
-        return end.value.code or 0, *capsys.readouterr()
-
-    return run
+    return program
 
 
 def a_survey_file(tmp_path, *, bend=0.0):

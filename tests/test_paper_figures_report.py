@@ -3,14 +3,12 @@
 import csv
 import json
 import re
-import sys
 
 import numpy as np
 import pytest
 from paper_points import das, described, written
 from synthetic import line_fields
 
-from glint_aoa.cli import main
 from glint_aoa.inertial.modes import TABLE_1, modes_toml
 from glint_aoa.paper_figures import Axis, Curve, Fact, FigureData, Panel
 from glint_aoa.records.fields import FieldInfo
@@ -127,19 +125,12 @@ def points(tmp_path_factory):
 
 
 @pytest.fixture
-def program(tmp_path, monkeypatch, capsys):
-    """Run the program in a folder with a setup; returns exit code, stdout and stderr."""
+def program(program, monkeypatch, tmp_path):
+    """Run the program in a folder with a setup."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "100")
     (tmp_path / "glint-aoa.toml").write_text(modes_toml(TABLE_1))
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["glint-aoa", *map(str, arguments)])
-        with pytest.raises(SystemExit) as end:
-            main()
-        return end.value.code or 0, *capsys.readouterr()
-
-    return run
+    return program
 
 
 def test_the_command_writes_pictures_and_numbers(program, points, tmp_path):
