@@ -11,6 +11,7 @@ from glint_aoa.records.fields import FieldInfo, FieldStack
 from glint_aoa.records.formats import HDF5_SUFFIXES, open_acquisition
 from glint_aoa.records.formats.hdf5 import has_acquisition, read_truth
 from glint_aoa.records.points import RecordedPoint, write_point
+from glint_aoa.records.recording import SAID_BY_BOTH
 from glint_aoa.setup import Fields, Setup
 
 __all__ = ["Converted", "convert_recording"]
@@ -134,15 +135,11 @@ def _joined(
 
 def _completed(info: FieldInfo, fields: Fields) -> FieldInfo:
     """Add what only the setup says; where both speak and differ, processing will object."""
-    says = {
-        "rate_hz": fields.rate,
-        "exposure_s": fields.exposure,
-        "first_line": fields.first_line,
-        "first_column": fields.first_column,
-        "first_parity": fields.first_parity,
-        "interlaced": fields.interlaced,
+    silent: dict[str, Any] = {
+        name: getattr(fields, key)
+        for key, name in SAID_BY_BOTH.items()
+        if getattr(info, name) is None
     }
-    silent: dict[str, Any] = {key: each for key, each in says.items() if getattr(info, key) is None}
     return replace(info, **silent)
 
 

@@ -10,7 +10,17 @@ from glint_aoa.errors import SetupError
 from glint_aoa.records.fields import FieldStack
 from glint_aoa.setup import Fields, Setup
 
-__all__ = ["Recording", "resolve_recording"]
+__all__ = ["SAID_BY_BOTH", "Recording", "resolve_recording"]
+
+SAID_BY_BOTH = {
+    "rate": "rate_hz",
+    "exposure": "exposure_s",
+    "first_line": "first_line",
+    "first_column": "first_column",
+    "first_parity": "first_parity",
+    "interlaced": "interlaced",
+}
+"""Keys of the setup's ``[fields]``, and what a file's `FieldInfo` calls them."""
 
 _RELATIVE_TOLERANCE = 1e-6
 
@@ -78,18 +88,9 @@ def resolve_recording(stack: FieldStack, setup: Setup) -> Recording:
 
 
 def _agreed(stack: FieldStack, fields: Fields) -> dict[str, Any]:
-    info = stack.info
-    in_file = {
-        "rate": info.rate_hz,
-        "exposure": info.exposure_s,
-        "first_line": info.first_line,
-        "first_column": info.first_column,
-        "first_parity": info.first_parity,
-        "interlaced": info.interlaced,
-    }
     said = {}
-    for key, file_says in in_file.items():
-        setup_says = getattr(fields, key)
+    for key, name in SAID_BY_BOTH.items():
+        file_says, setup_says = getattr(stack.info, name), getattr(fields, key)
         if file_says is not None and setup_says is not None and _differ(file_says, setup_says):
             raise SetupError(
                 f"{stack.name}: the file says {key} {file_says}, the setup fields.{key} "
