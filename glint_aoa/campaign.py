@@ -185,11 +185,10 @@ def compare_points(
         If a recording or the setup cannot be used, a run does not start and end with the shaker
         off, or all points are of sweeps or single records.
     """
-    said = {path: said_of(path) for path in map(Path, paths)}
-    of_runs = {path: meta for path, meta in said.items() if meta.get("run_kind") != "record"}
+    of_runs = [path for path in map(Path, paths) if said_of(path).get("run_kind") != "record"]
     if paths and not of_runs:
         raise InputError("all points are single records; give the points of runs at one angle")
-    told = {path: announced_point(path, meta) for path, meta in of_runs.items()}
+    told = {path: announced_point(path, open_fields(path).meta) for path in of_runs}
     sweeps = _sweeps(told.values())
     in_runs = {path: point for path, point in told.items() if point.run not in sweeps}
     if sweeps and not in_runs:
@@ -227,7 +226,6 @@ def _sweeps(points: Iterable[BenchmarkPoint]) -> set[str]:
 
 
 def _check_point(path: Path, *, setup: Setup, new_in: Path | None) -> None:
-    open_fields(path)
     prepared(open_acquisition(path, setup.inertial))
     if new_in is not None:
         check_new_results(new_in, path.stem)
