@@ -5,12 +5,13 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test check bench coverage torture fuzz clean help
+.PHONY: demo test check docs bench coverage torture fuzz clean help
 
 help:
 	@echo "make demo   show the whole product on a simulated test (writes demo-out/)"
 	@echo "make test   run the tests"
 	@echo "make check  format, lint, types, import layers"
+	@echo "make docs   build the site of the documents (build/docs/index.html); warnings are errors"
 	@echo "make bench  speed, precision and memory of the measurement, beside rivals; 5 minutes"
 	@echo "make coverage  do the stated uncertainties cover the errors; thousands of draws each"
 	@echo "make torture  measure thousands of spoilt recordings, kill a batch hundreds of times"
@@ -28,6 +29,9 @@ check: $(VENV)/installed-dev
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+docs: $(VENV)/installed-docs
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -W error::DeprecationWarning -m mkdocs build --strict
 
 bench: $(VENV)/installed-bench
 	$(BIN)/python -m benchmarks
@@ -68,8 +72,14 @@ $(VENV)/installed-dev: $(VENV)/installed
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --group dev
 	@touch $@
 
+$(VENV)/installed-docs: $(VENV)/installed
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --group docs
+	@touch $@
+
 $(VENV)/installed-bench: $(VENV)/installed
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --group bench
+	@# Without what they ask for: a second OpenCV in the same place, and nose
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps pyidi==1.4.0 pyMRAW==0.33.0
 	@touch $@
 
 clean:

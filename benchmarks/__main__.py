@@ -11,12 +11,13 @@ import numba
 import numpy as np
 import scipy
 
-from benchmarks import field_coverage, memory, precision, speed
+from benchmarks import changes, field_coverage, memory, precision, speed
 from glint_aoa import __version__
 
 _PARTS: dict[str, Callable[[], object]] = {
     "speed": speed.run,
     "precision": precision.run,
+    "changes": changes.run,
     "coverage": field_coverage.run,
     "memory": memory.run,
 }

@@ -68,7 +68,8 @@ def _rivals() -> None:
     scene = Scene()
     fields = scene.fields(np.random.default_rng(2), 200)
     columns = prepared(fields, "centroid", 20).columns
-    print("\nThe other ways, on the line of the speed table, 38 columns")
+    print("\nThe other ways, on the line of the speed table, over the bound of 38 columns; fitLine")
+    print("uses all columns, ridge-detection and pyidi those around the 38 too")
     print(table_row(["", "fields", "std / bound", "bias [deg]"], [34, 8, 14, 14]))
     for name, (measure, n) in RIVALS.items():
         angles, count = rival_deg(measure(fields[:n], columns), columns)

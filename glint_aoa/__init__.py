@@ -1,5 +1,7 @@
 """Attitude of a wind-tunnel model from video of a glint, held against its inertial sensor.
 
+Examples
+--------
 >>> import glint_aoa
 >>> setup = glint_aoa.load_setup("glint-aoa.toml")
 >>> point = glint_aoa.process_point("point-01.h5", setup, "results")

@@ -23,6 +23,10 @@ _NEED_POINTS = {"figures"}
 class BenchmarkCommand(TyperCommand):
     """The command ``benchmark``; ``benchmark inertial`` and ``figures`` are others."""
 
+    def studies(self) -> dict[str, Any]:
+        """Return the commands that the first word may name, each under its own name."""
+        return {name: _command(name) for name in _STUDIES}
+
     def make_context(
         self, info_name: Any, args: list[str], parent: Any = None, **extra: Any
     ) -> Any:

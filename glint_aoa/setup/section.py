@@ -3,7 +3,7 @@
 import dataclasses
 import difflib
 import tomllib
-from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args, get_type_hints
 
@@ -39,11 +39,7 @@ __all__ = [
 
 def quantity(unit: str) -> BeforeValidator:
     """Return a validator that reads a string such as ``"9.8 Hz"`` as a number in `unit`."""
-    return BeforeValidator(_parser(unit))
-
-
-def _parser(unit: str) -> Callable[[Any], float]:
-    return lambda value: parse_quantity(value, unit)
+    return BeforeValidator(partial(parse_quantity, unit=unit))
 
 
 def finite(value: float) -> float:

@@ -1,0 +1,1 @@
+"""Pictures of the documents that are drawn, not measured."""
