@@ -5,11 +5,12 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test check docs bench coverage torture fuzz clean help
+.PHONY: demo test notebooks check docs bench coverage torture fuzz clean help
 
 help:
 	@echo "make demo   show the whole product on a simulated test (writes demo-out/)"
 	@echo "make test   run the tests"
+	@echo "make notebooks  run the notebooks and compare with what is stored"
 	@echo "make check  format, lint, types, import layers"
 	@echo "make docs   build the site of the documents (build/docs/index.html); warnings are errors"
 	@echo "make bench  speed, precision and memory of the measurement, beside rivals; 5 minutes"
@@ -23,6 +24,12 @@ demo: $(VENV)/installed
 
 test: $(VENV)/installed-dev
 	$(BIN)/python -m pytest -n auto --dist worksteal -q
+
+notebooks: $(VENV)/installed-dev
+	@rm -rf build/notebooks && mkdir -p build/notebooks && cp notebooks/*.ipynb build/notebooks
+	$(BIN)/python -m pytest --nbmake --overwrite --nbmake-timeout=120 --rootdir=build/notebooks \
+	  -c /dev/null -p no:cacheprovider -n auto -q build/notebooks
+	$(BIN)/python notebooks/stored.py compare build/notebooks
 
 check: $(VENV)/installed-dev
 	$(BIN)/ruff format --check .

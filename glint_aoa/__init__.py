@@ -10,8 +10,6 @@ Examples
 
 from typing import Any
 
-from glint_aoa._version import __version__
-
 __all__ = [
     "__version__",
     "load_setup",
@@ -21,6 +19,7 @@ __all__ = [
 ]
 
 _HOMES = {
+    "__version__": "glint_aoa._version",
     "load_setup": "glint_aoa.setup",
     "measure_point": "glint_aoa.process",
     "open_fields": "glint_aoa.records.formats",

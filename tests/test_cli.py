@@ -47,6 +47,8 @@ points = 2
 RATE_HZ, SECONDS = 200.0, 16.0
 COMMANDS = {
     "demo": "glint-aoa demo --out glint-aoa-demo",
+    "init": "glint-aoa init --from point-01.h5 --camera 752x240 --set glint.nose=left",
+    "doctor": "glint-aoa doctor --folder results",
     "inspect": "glint-aoa inspect point-01.h5 --setup glint-aoa.toml --png point-01.png",
     "process": "glint-aoa process run-01/*.h5 --setup glint-aoa.toml --out results",
     "calibrate": "glint-aoa calibrate sweep sweep-*.h5 --setup glint-aoa.toml --out sweep.toml",
@@ -74,7 +76,7 @@ COMMANDS = {
     "uncertainty": "glint-aoa uncertainty glint-aoa.toml --angles -6,0,6 --out budget",
 }
 
-RUN_ALONE = ("demo", "benchmark inertial")
+RUN_ALONE = ("demo", "init", "doctor", "benchmark inertial")
 """Commands that need no arguments."""
 
 

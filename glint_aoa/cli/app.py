@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from glint_aoa._version import __version__
 from glint_aoa.cli import calibrate
 from glint_aoa.cli._benchmark_command import BenchmarkCommand
 from glint_aoa.cli.benchmark import benchmark
 from glint_aoa.cli.convert import convert
 from glint_aoa.cli.correct import correct
 from glint_aoa.cli.demo import demo
+from glint_aoa.cli.doctor import doctor
+from glint_aoa.cli.init import init
 from glint_aoa.cli.inspect import inspect
 from glint_aoa.cli.process import process
 from glint_aoa.cli.simulate import simulate
@@ -39,6 +40,8 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
 app.command("demo")(demo)
+app.command("init")(init)
+app.command("doctor")(doctor)
 app.command("inspect", no_args_is_help=True)(inspect)
 app.command("process", no_args_is_help=True)(process)
 app.add_typer(calibrate.app, name="calibrate")
@@ -52,6 +55,8 @@ app.command("uncertainty", no_args_is_help=True)(uncertainty)
 
 def _show_version(wanted: bool) -> None:
     if wanted:
+        from glint_aoa._version import __version__
+
         typer.echo(f"glint-aoa {__version__}")
         raise typer.Exit
 

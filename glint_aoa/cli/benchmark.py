@@ -2,16 +2,16 @@
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from glint_aoa.cli._benchmark_command import studies_like
 from glint_aoa.cli._common import (
     Jobs,
     Json,
     Out,
     Overwrite,
-    Points,
     SetupFile,
     Strict,
     bar,
@@ -31,7 +31,15 @@ _PICTURE = "errors-against-moment.png"
 
 
 def benchmark(
-    points: Points,
+    points: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="POINT",
+            help="Files of recorded points.",
+            show_default=False,
+            autocompletion=studies_like,
+        ),
+    ],
     out: Out,
     setup: SetupFile = Path("glint-aoa.toml"),
     jobs: Jobs = 1,

@@ -20,7 +20,7 @@ from glint_aoa.errors import InputError
 if TYPE_CHECKING:
     from glint_aoa.records.acquisition import Channel
 
-__all__ = ["inspect"]
+__all__ = ["holds_channels", "holds_fields", "inspect"]
 
 _LEVELS = 16  # bars of the exposure histogram
 _WIDTH = 28  # of the labels
@@ -84,7 +84,7 @@ def inspect(
         inspect_survey(recording, settings.inertial, as_json=as_json)
         return
     found: dict[str, Any] = {"file": recording}
-    if _has_fields(recording):
+    if holds_fields(recording):
         found |= _fields(recording, settings, png, overwrite)
     elif png is not None:
         raise InputError(f"{recording}: no fields to show; leave out --png")
@@ -101,7 +101,7 @@ def inspect(
         typer.echo(f"{'histogram':{_WIDTH}}{_bars(histogram)}  (grey levels 0 to white, log scale)")
 
 
-def _has_fields(recording: Path) -> bool:
+def holds_fields(recording: Path) -> bool:
     """Whether to open a file as a recording of fields rather than an acquisition record only."""
     from glint_aoa.records.formats import ACQUISITION_SUFFIXES
     from glint_aoa.records.formats.hdf5 import has_acquisition, has_fields
@@ -110,6 +110,16 @@ def _has_fields(recording: Path) -> bool:
     if suffix in {".h5", ".hdf5"}:
         return has_fields(recording) or not has_acquisition(recording)
     return suffix not in ACQUISITION_SUFFIXES
+
+
+def holds_channels(recording: Path) -> bool:
+    """Whether a file holds acquisition channels."""
+    from glint_aoa.records.formats import ACQUISITION_SUFFIXES
+    from glint_aoa.records.formats.hdf5 import has_acquisition
+
+    suffix = recording.suffix.lower()
+    is_point = suffix in {".h5", ".hdf5"}
+    return suffix in ACQUISITION_SUFFIXES and not (is_point and not has_acquisition(recording))
 
 
 def _fields(recording: Path, settings: Any, png: Path | None, overwrite: bool) -> dict[str, Any]:
@@ -245,12 +255,9 @@ def _counted(words: str, result: Any) -> str:
 
 def _channels(recording: Path, inertial: Any) -> list[dict[str, Any]]:
     """Say of each acquisition channel what it is and what is wrong with its samples."""
-    from glint_aoa.records.formats import ACQUISITION_SUFFIXES, open_acquisition
-    from glint_aoa.records.formats.hdf5 import has_acquisition
+    from glint_aoa.records.formats import open_acquisition
 
-    suffix = recording.suffix.lower()
-    is_point = suffix in {".h5", ".hdf5"}
-    if suffix not in ACQUISITION_SUFFIXES or (is_point and not has_acquisition(recording)):
+    if not holds_channels(recording):
         return []
     record = open_acquisition(recording, inertial)
     return [_channel(channel) for channel in record.channels.values()]

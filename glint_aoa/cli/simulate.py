@@ -34,6 +34,14 @@ RendererOption = Annotated[
 ]
 
 
+_CAMPAIGNS = ("paper", "demo")
+
+
+def _campaigns_like(incomplete: str) -> list[str]:
+    """Return the built-in campaigns that a word may become, for the shell's completion."""
+    return [name for name in _CAMPAIGNS if name.startswith(incomplete)]
+
+
 def simulate(
     campaign: Annotated[
         str,
@@ -41,6 +49,7 @@ def simulate(
             metavar="CAMPAIGN",
             help="paper, the paper's whole test; demo, a part of it; or a campaign file (TOML).",
             show_default=False,
+            autocompletion=_campaigns_like,
         ),
     ],
     out: Out,

@@ -37,45 +37,83 @@ _NumberStd = Annotated[float, Field(strict=True, ge=0, allow_inf_nan=False)]
 class Calibration(Section):
     """Calibrations to apply; paths are relative to the setup file."""
 
-    camera: str | None = Field(None, description="file of the camera calibration")
-    pose: str | None = Field(None, description="file of the space resection")
-    sweep: str | None = Field(None, description="file of the pitch sweep")
+    camera: str | None = Field(
+        None,
+        description="file of glint-aoa calibrate camera; gives lens, pixels and distortion",
+        examples=["camera.toml"],
+    )
+    pose: str | None = Field(
+        None,
+        description="file of glint-aoa calibrate resect; gives position and rotation",
+        examples=["pose.toml"],
+    )
+    sweep: str | None = Field(
+        None,
+        description="file of glint-aoa calibrate sweep; takes out what lamp and camera leave",
+        examples=["sweep.toml"],
+    )
 
 
 class ReflectionUncertainty(Section):
     """What is known of body and lamp, 1 sigma; metres, radians."""
 
-    radius: _MetresStd = Field(0.0, description="of the body's radius")
-    axis_y: _MetresStd = Field(0.0, description="of the known Y of its axis")
+    radius: _MetresStd = Field(
+        0.0, description="1 sigma of the body's radius [m]", examples=["0 mm"]
+    )
+    axis_y: _MetresStd = Field(
+        0.0, description="1 sigma of the known Y of the body's axis [m]", examples=["0 mm"]
+    )
     lamp: tuple[_MetresStd, _MetresStd, _MetresStd] = Field(
-        (0.0, 0.0, 0.0), description="of the lamp's X, Y, Z"
+        (0.0, 0.0, 0.0),
+        description="1 sigma of the lamp's X, Y, Z [m]",
+        examples=[["0 mm", "0 mm", "0 mm"]],
     )
     lamp_direction: tuple[_RadiansStd, _RadiansStd] = Field(
-        (0.0, 0.0), description="of a long lamp's heading and of its elevation"
+        (0.0, 0.0),
+        description="1 sigma of a long lamp's heading and of its elevation [rad]",
+        examples=[["0 deg", "0 deg"]],
     )
 
 
 class Uncertainty(Section):
     """What is known of the geometry by tape or data sheet, 1 sigma; metres, radians, pixels."""
 
-    focal_length: _MetresStd = Field(0.0, description="of the principal distance")
-    pixel_pitch: tuple[_MetresStd, _MetresStd] = Field(
-        (0.0, 0.0), description="of the horizontal and the vertical pitch"
+    focal_length: _MetresStd = Field(
+        0.0, description="1 sigma of the principal distance [m]", examples=["0 mm"]
     )
-    principal_point: tuple[_NumberStd, _NumberStd] = Field((0.0, 0.0), description="of u, v")
+    pixel_pitch: tuple[_MetresStd, _MetresStd] = Field(
+        (0.0, 0.0),
+        description="1 sigma of the horizontal and the vertical pixel pitch [m]",
+        examples=[["0 um", "0 um"]],
+    )
+    principal_point: tuple[_NumberStd, _NumberStd] = Field(
+        (0.0, 0.0), description="1 sigma of the principal point's u, v [pixels]", examples=[[0, 0]]
+    )
     distortion: tuple[_NumberStd, _NumberStd, _NumberStd, _NumberStd, _NumberStd] = Field(
-        (0.0, 0.0, 0.0, 0.0, 0.0), description="of k1, k2, p1, p2, k3"
+        (0.0, 0.0, 0.0, 0.0, 0.0),
+        description="1 sigma of k1, k2, p1, p2, k3 [1]",
+        examples=[[0, 0, 0, 0, 0]],
     )
     position: tuple[_MetresStd, _MetresStd, _MetresStd] = Field(
-        (0.0, 0.0, 0.0), description="of the perspective centre X, Y, Z"
+        (0.0, 0.0, 0.0),
+        description="1 sigma of the perspective centre X, Y, Z [m]",
+        examples=[["0 mm", "0 mm", "0 mm"]],
     )
     rotation: tuple[_RadiansStd, _RadiansStd, _RadiansStd] = Field(
-        (0.0, 0.0, 0.0), description="of omega, phi, kappa"
+        (0.0, 0.0, 0.0),
+        description="1 sigma of omega, phi, kappa [rad]",
+        examples=[["0 deg", "0 deg", "0 deg"]],
     )
-    y: _MetresStd = Field(0.0, description="of the known Y of the glint")
-    yaw: _RadiansStd = Field(0.0, description="of the heading of the known vertical plane")
+    y: _MetresStd = Field(
+        0.0, description="1 sigma of the known Y of the glint [m]", examples=["0 mm"]
+    )
+    yaw: _RadiansStd = Field(
+        0.0,
+        description="1 sigma of the heading of the known vertical plane [rad]",
+        examples=["0 deg"],
+    )
     reflection: ReflectionUncertainty | None = Field(
-        None, description="of body and lamp, where glint.reflection describes them"
+        None, description="1 sigma of body and lamp, where glint.reflection describes them"
     )
 
 

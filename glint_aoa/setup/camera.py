@@ -24,24 +24,36 @@ Parity = Literal["even", "odd"]
 class Camera(Section):
     """The camera: inner orientation, distortion and pose. Lengths in metres, angles in radians."""
 
-    focal_length: PositiveMetres | None = Field(None, description="principal distance of the lens")
+    focal_length: PositiveMetres | None = Field(
+        None, description="principal distance of the lens [m]", examples=["35 mm"]
+    )
     pixel_pitch: tuple[PositiveMetres, PositiveMetres] | None = Field(
-        None, description="horizontal pitch, and vertical pitch per field line"
+        None,
+        description="horizontal pitch, and vertical pitch per field line [m]",
+        examples=[["11.7 um", "27.5 um"]],
     )
     sensor: tuple[PositiveCount, PositiveCount] | None = Field(
-        None, description="columns, and lines per field"
+        None, description="columns, and lines per field [pixels]", examples=[[752, 240]]
     )
     principal_point: tuple[Number, Number] | None = Field(
-        None, description="u, v of an even field [pixels]; the sensor's centre where not given"
+        None,
+        description="u, v of an even field [pixels]; the sensor's centre if not given",
+        examples=[[375.5, 119.5]],
     )
     position: tuple[Metres, Metres, Metres] | None = Field(
-        None, description="perspective centre X, Y, Z in the tunnel frame"
+        None,
+        description="perspective centre X, Y, Z in the tunnel frame [m]",
+        examples=[["0 m", "-56 in", "60 mm"]],
     )
     rotation: tuple[Radians, Radians, Radians] = Field(
-        (0.0, 0.0, 0.0), description="omega, phi, kappa about tunnel X, Y, Z"
+        (0.0, 0.0, 0.0),
+        description="omega, phi, kappa about tunnel X, Y, Z [rad]",
+        examples=[["0 deg", "0 deg", "0 deg"]],
     )
     distortion: tuple[Number, Number, Number, Number, Number] = Field(
-        (0.0, 0.0, 0.0, 0.0, 0.0), description="k1, k2, p1, p2, k3 in OpenCV's order"
+        (0.0, 0.0, 0.0, 0.0, 0.0),
+        description="k1, k2, p1, p2, k3 in OpenCV's order [1]",
+        examples=[[0, 0, 0, 0, 0]],
     )
 
     @property
@@ -83,13 +95,21 @@ class Camera(Section):
 class Fields(Section):
     """What the recording is, where its file does not say so itself. Seconds and hertz."""
 
-    rate: PositiveHertz | None = Field(None, description="fields a second")
-    exposure: PositiveSeconds | None = Field(None, description="integration time of a field")
-    first_line: Count | None = Field(None, description="sensor line of the window's first row")
+    rate: PositiveHertz | None = Field(None, description="fields a second [Hz]", examples=["60 Hz"])
+    exposure: PositiveSeconds | None = Field(
+        None, description="integration time of a field [s]", examples=["1 ms"]
+    )
+    first_line: Count | None = Field(
+        None, description="sensor line of the window's first row [field lines]", examples=[98]
+    )
     first_column: Count | None = Field(
-        None, description="sensor column of the window's first column"
+        None, description="sensor column of the window's first column [pixels]", examples=[0]
     )
     interlaced: Annotated[bool, Field(strict=True)] | None = Field(
-        None, description="false: progressive frames, parity 0 throughout"
+        None, description="false: progressive frames, parity 0 throughout", examples=[True]
     )
-    first_parity: Parity | None = Field(None, description="parity of field 0")
+    first_parity: Parity | None = Field(
+        None,
+        description="parity of field 0; even is the field with lines 0, 2, 4 ... of the frame",
+        examples=["even"],
+    )

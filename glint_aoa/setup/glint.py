@@ -24,22 +24,29 @@ class Reference(Section):
     """A mark or edge that stands still in view, by which a moved camera shows. Pixels."""
 
     rows: tuple[Count, PositiveCount] = Field(
-        description="rows of the recorded window around it, last one excluded"
+        description="rows of the recorded window around it, last one excluded [pixels]",
+        examples=[[80, 92]],
     )
     columns: tuple[Count, PositiveCount] = Field(
-        description="columns of the recorded window around it, last one excluded"
+        description="columns of the recorded window around it, last one excluded [pixels]",
+        examples=[[10, 60]],
     )
     row: Number | None = Field(
         None,
-        description="row of the window where it should lie; from the point itself if not given",
+        description="row of the window where it should lie [pixels]; from the point itself if not "
+        "given",
+        examples=[85.3],
     )
     column: Number | None = Field(
-        None, description="column of the window where it should lie, likewise"
+        None,
+        description="column of the window where it should lie [pixels], likewise",
+        examples=[35.0],
     )
     tolerance: Annotated[float, Field(gt=0)] | None = Field(
         None,
-        description="shift beyond which the camera counts as moved; from the mark's own noise if "
-        "not given",
+        description="shift beyond which the camera counts as moved [pixels]; from the mark's own "
+        "noise if not given",
+        examples=[0.25],
     )
 
     @model_validator(mode="after")
@@ -56,13 +63,20 @@ class Reference(Section):
 class Reflection(Section):
     """What the glint is the reflection of, and of what body. Lengths in metres."""
 
-    radius: PositiveMetres = Field(description="radius of the body where the glint is seen")
-    axis_y: Metres = Field(0.0, description="known Y of the body's axis at X = 0")
+    radius: PositiveMetres = Field(
+        description="radius of the body where the glint is seen [m]", examples=["60 mm"]
+    )
+    axis_y: Metres = Field(
+        0.0, description="known Y of the body's axis at X = 0 [m]", examples=["0 mm"]
+    )
     lamp: tuple[Metres, Metres, Metres] = Field(
-        description="middle of the lamp, X, Y, Z in the tunnel frame"
+        description="middle of the lamp, X, Y, Z in the tunnel frame [m]",
+        examples=[["0 m", "-0.6 m", "1.5 m"]],
     )
     lamp_direction: tuple[Number, Number, Number] = Field(
-        (1.0, 0.0, 0.0), description="direction that a long lamp runs in"
+        (1.0, 0.0, 0.0),
+        description="direction X, Y, Z that a long lamp runs in, of any length [1]",
+        examples=[[1, 0, 0]],
     )
     lamp_shape: Literal["long", "small"] = Field(
         "long", description="a line that reaches beyond all that the body mirrors, or a point"
@@ -78,14 +92,20 @@ class Reflection(Section):
 class Glint(Section):
     """The glint and how it is measured."""
 
-    y: Metres = Field(0.0, description="known Y of the glint")
-    yaw: Radians = Field(0.0, description="heading of the known vertical plane about tunnel Z")
+    y: Metres = Field(0.0, description="known Y of the glint [m]", examples=["0 mm"])
+    yaw: Radians = Field(
+        0.0,
+        description="heading of the known vertical plane about tunnel Z [rad]",
+        examples=["0 deg"],
+    )
     nose: Literal["left", "right"] = Field(
         "left", description="where the model's nose points in the image"
     )
     column_step: PositiveCount = Field(20, description="every how many columns; 1 uses all")
     search_window: tuple[Count, PositiveCount] | None = Field(
-        None, description="rows of the recorded window to look in, last one excluded"
+        None,
+        description="rows of the recorded window to look in, last one excluded [pixels]",
+        examples=[[0, 92]],
     )
     estimator: Literal["auto", "profile", "centroid", "gaussian", "steger"] = Field(
         "auto", description="how the glint's centre in a column is measured"
@@ -94,25 +114,36 @@ class Glint(Section):
         "bright", description="bright glint on a dark body, or dark on bright"
     )
     half_width: Annotated[float, Field(gt=0, le=1000)] | None = Field(
-        None, description="half the centroid's window [lines]; from the line's width if not given"
+        None,
+        description="half the centroid's window [field lines]; from the line's width if not given",
+        examples=[5.0],
     )
     saturation: Annotated[float, Field(gt=0)] | None = Field(
-        None, description="grey level at which pixels clip; the top of the scale if not given"
+        None,
+        description="level at which pixels clip [grey levels]; the top of the scale if not given",
+        examples=[255],
     )
     read_noise: Annotated[float, Field(ge=0)] | None = Field(
-        None, description="read noise of the camera [grey levels]; from the stack if not given"
+        None,
+        description="read noise of the camera [grey levels]; from the stack if not given",
+        examples=[0.7],
     )
     electrons_per_grey: Annotated[float, Field(gt=0)] | None = Field(
-        None, description="electrons behind one grey level, likewise"
+        None,
+        description="electrons behind one grey level [electrons]; from the stack if not given",
+        examples=[157.0],
     )
     min_contrast: Annotated[float, Field(gt=0)] = Field(
-        6.0, description="least height of the glint above background, in background noise"
+        6.0,
+        description="least height of the glint above background [standard deviations of its noise]",
     )
     mean: Literal["auto", "plain", "lines", "tapered", "process"] = Field(
         "auto", description="how the angles of a point are averaged"
     )
     vibration: tuple[PositiveHertz, ...] = Field(
-        (), description="known frequencies of vibration, fitted with the mean"
+        (),
+        description="known frequencies of vibration, fitted with the mean [Hz]; others are found",
+        examples=[["9.8 Hz"]],
     )
     reference: Reference | None = Field(
         None, description="box around a static mark that shows whether the camera moved"

@@ -15,6 +15,7 @@ from glint_aoa.errors import InputError, SetupError
 from glint_aoa.units import convert, parse_quantity
 
 __all__ = [
+    "FILL_IN",
     "Count",
     "Metres",
     "Number",
@@ -25,6 +26,7 @@ __all__ = [
     "Radians",
     "Section",
     "Unit",
+    "check_filled",
     "finite",
     "first_problem",
     "keys_of",
@@ -33,8 +35,12 @@ __all__ = [
     "positive",
     "quantity",
     "read_toml",
+    "unfilled",
     "validated",
 ]
+
+FILL_IN = "FILL IN"
+"""Stands in a new file of settings for a value that only the user can know."""
 
 
 def quantity(unit: str) -> BeforeValidator:
@@ -138,6 +144,35 @@ def read_toml(path: Path, *, missing: str, error: type[InputError] = SetupError)
         raise error(f"{path}: the file cannot be read ({problem})") from None
     except tomllib.TOMLDecodeError as problem:
         raise error(f"{path}: not a TOML file: {problem}") from None
+
+
+def unfilled(content: Any, where: str = "") -> list[str]:
+    """Return the dotted keys of a setup that still say `FILL_IN`, in part or whole."""
+    if isinstance(content, dict):
+        below = [
+            unfilled(each, f"{where}.{key}" if where else key) for key, each in content.items()
+        ]
+    elif isinstance(content, list):
+        below = [unfilled(each, where) for each in content]
+    else:
+        return [where] if content == FILL_IN else []
+    return list(dict.fromkeys(key for keys in below for key in keys))
+
+
+def check_filled(path: Path, content: dict[str, Any]) -> None:
+    """Refuse a file of settings with values that are still to be filled in; SetupError names them.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    content : dict
+        What it holds.
+    """
+    keys = unfilled(content)
+    if keys:
+        names = f"{', '.join(keys[:-1])} and {keys[-1]}" if len(keys) > 1 else keys[0]
+        raise SetupError(f'{path}: fill in {names}; put a value in place of each "{FILL_IN}"')
 
 
 def validated(path: Path, content: dict[str, Any], section: type[_S]) -> _S:

@@ -17,25 +17,30 @@ from glint_aoa.setup.calibration import (
 from glint_aoa.setup.camera import Camera, Fields
 from glint_aoa.setup.glint import Glint
 from glint_aoa.setup.inertial import Inertial
-from glint_aoa.setup.section import Section, nearest, read_toml, validated
+from glint_aoa.setup.section import Section, check_filled, nearest, read_toml, validated
 
-__all__ = ["Setup", "load_setup"]
+__all__ = ["CALIBRATED", "Setup", "load_setup"]
 
-_CALIBRATED = {
+CALIBRATED = {
     "camera": ("focal_length", "pixel_pitch", "principal_point", "distortion"),
     "pose": ("position", "rotation"),
 }
+"""Keys of ``[camera]`` that each calibration gives."""
 
 
 class Setup(Section):
     """A whole setup file."""
 
-    camera: Camera = Camera()
-    fields: Fields = Fields()
-    glint: Glint = Glint()
-    inertial: Inertial = Inertial()
-    calibration: Calibration = Calibration()
-    uncertainty: Uncertainty = Uncertainty()
+    camera: Camera = Field(Camera(), description="the camera")
+    fields: Fields = Field(Fields(), description="what a recording does not say itself")
+    glint: Glint = Field(Glint(), description="the glint, and how it is measured")
+    inertial: Inertial = Field(Inertial(), description="the inertial package and its channels")
+    calibration: Calibration = Field(
+        Calibration(), description="calibrations to apply; files relative to this one"
+    )
+    uncertainty: Uncertainty = Field(
+        Uncertainty(), description="how well the geometry is known, 1 sigma, where it was taped"
+    )
     folder: Path = Field(Path(), exclude=True)
 
     @model_validator(mode="after")
@@ -54,7 +59,7 @@ class Setup(Section):
 
     @model_validator(mode="after")
     def _is_calibrated_or_taped(self) -> Self:
-        for file, keys in _CALIBRATED.items():
+        for file, keys in CALIBRATED.items():
             if getattr(self.calibration, file) is None:
                 continue
             for key in keys:
@@ -105,15 +110,16 @@ def load_setup(path: str | Path) -> Setup:
     Raises
     ------
     SetupError
-        If the file cannot be read, is not TOML, or holds an unknown key or a wrong value; the
-        message names the file and the key.
+        If the file cannot be read, is not TOML, holds an unknown key or a wrong value, or keys that
+        are still to be filled in; the message names the file and the keys.
     """
     path = Path(path)
     content = read_toml(path, missing="no such setup file; give one with --setup")
     if "folder" in content:
         raise SetupError(f"{path}: unknown key folder; {nearest('folder', Setup)}")
-    camera = calibrated_camera(content, path.parent)
-    setup = validated(path, {**content, "camera": camera, "folder": path.parent}, Setup)
+    content["camera"] = calibrated_camera(content, path.parent)
+    check_filled(path, content)
+    setup = validated(path, {**content, "folder": path.parent}, Setup)
     if setup.pose_path is not None:
         check_pose_fits(setup.camera, setup.pose_path)
     return setup
