@@ -52,6 +52,7 @@ coverage: $(VENV)/installed-dev
 	$(BIN)/python -m benchmarks.sweep_coverage
 	$(BIN)/python -m benchmarks.budget_coverage
 	$(BIN)/python -m benchmarks.twist_coverage
+	$(BIN)/python -m benchmarks.plan_agreement
 
 torture: $(VENV)/installed-dev
 	$(BIN)/python -m torture

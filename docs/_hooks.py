@@ -281,7 +281,7 @@ def _default(field: FieldInfo, unit: str) -> str:
         return "required"
     if value is None or value == ():
         return "-"
-    return f"`{_toml(value, unit)}`"
+    return f"`{json.dumps(field.examples[0]) if field.examples else _toml(value, unit)}`"
 
 
 def _toml(value: Any, unit: str) -> str:

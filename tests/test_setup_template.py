@@ -28,6 +28,7 @@ SECTIONS = {
     "glint.reflection",
     "inertial.channel",
     "inertial.mode",
+    "plan.vibration",
     "uncertainty.reflection",
 }
 """Sections that stand as comments."""
@@ -36,7 +37,7 @@ SECTIONS = {
 def keys(section=Setup, where=""):
     """Every key of the setup by its dotted name: its field, and the section it stands in."""
     for key, field in section.model_fields.items():
-        if field.exclude:
+        if key == "folder":  # of the file itself
             continue
         yield f"{where}{key}", field, section
         for each in (field.annotation, *get_args(field.annotation)):

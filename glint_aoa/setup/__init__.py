@@ -15,6 +15,7 @@ from glint_aoa.setup.inertial import (
     InertialSensor,
     Quantity,
 )
+from glint_aoa.setup.plan import Plan, PlanVibration
 from glint_aoa.setup.section import Section, load_section, positive, quantity, read_toml
 from glint_aoa.setup.whole import Setup, load_setup
 
@@ -29,6 +30,8 @@ __all__ = [
     "InertialFilter",
     "InertialMode",
     "InertialSensor",
+    "Plan",
+    "PlanVibration",
     "Quantity",
     "Reference",
     "Reflection",

@@ -166,7 +166,11 @@ class _Template:
 
 
 def _fields(section: type[Section]) -> dict[str, FieldInfo]:
-    return {key: each for key, each in section.model_fields.items() if not each.exclude}
+    return {
+        key: each
+        for key, each in section.model_fields.items()
+        if each.description  # a key of the file, which the folder that it lies in is not
+    }
 
 
 def _keys_in(name: str) -> dict[str, FieldInfo]:

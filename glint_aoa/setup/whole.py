@@ -17,6 +17,7 @@ from glint_aoa.setup.calibration import (
 from glint_aoa.setup.camera import Camera, Fields
 from glint_aoa.setup.glint import Glint
 from glint_aoa.setup.inertial import Inertial
+from glint_aoa.setup.plan import Plan
 from glint_aoa.setup.section import Section, check_filled, nearest, read_toml, validated
 
 __all__ = ["CALIBRATED", "Setup", "load_setup"]
@@ -40,6 +41,9 @@ class Setup(Section):
     )
     uncertainty: Uncertainty = Field(
         Uncertainty(), description="how well the geometry is known, 1 sigma, where it was taped"
+    )
+    plan: Plan = Field(
+        Plan(), exclude=True, description="what a plan assumes; no part of how a point is measured"
     )
     folder: Path = Field(Path(), exclude=True)
 
