@@ -1,7 +1,7 @@
 """The main job: a recorded point in, its angles out."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -33,6 +33,7 @@ from glint_aoa.records.angles import (
 )
 from glint_aoa.records.fields import FieldStack
 from glint_aoa.records.formats import channels_beside, open_acquisition, open_fields
+from glint_aoa.records.provenance import input_hashes
 from glint_aoa.records.recording import Recording, resolve_recording
 from glint_aoa.setup import Setup
 from glint_aoa.sweep_use import SweptAngles, apply_sweep, stack_temperature
@@ -226,6 +227,7 @@ def process_point(
     result = measure_point(
         stack, setup, sweep=load_sweep(setup), acquisition=acquisition, progress=progress
     )
+    result = replace(result, attrs=result.attrs | input_hashes(stack.path, setup))
     write_results(out, result.name, result.values, result.attrs)
     if to_log:
         log_result(out, result.log)

@@ -72,6 +72,7 @@ COMMANDS = {
         "glint-aoa benchmark figures points/*.h5 --setup glint-aoa.toml --out figures"
     ),
     "plan": "glint-aoa plan glint-aoa.toml --out plan",
+    "report": "glint-aoa report results --jobs 4",
     "simulate": "glint-aoa simulate demo --out points --jobs 2",
     "twist": "glint-aoa twist wind-off.h5 wind-on.h5 --targets targets.csv --reference body",
     "uncertainty": "glint-aoa uncertainty glint-aoa.toml --angles -6,0,6 --out budget",

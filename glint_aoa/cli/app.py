@@ -19,6 +19,7 @@ from glint_aoa.cli.init import init
 from glint_aoa.cli.inspect import inspect
 from glint_aoa.cli.plan import plan
 from glint_aoa.cli.process import process
+from glint_aoa.cli.report import report
 from glint_aoa.cli.simulate import simulate
 from glint_aoa.cli.twist import twist
 from glint_aoa.cli.uncertainty import uncertainty
@@ -50,6 +51,7 @@ app.command("convert", no_args_is_help=True)(convert)
 app.command("correct", no_args_is_help=True)(correct)
 app.command("benchmark", cls=BenchmarkCommand, no_args_is_help=True)(benchmark)
 app.command("plan", no_args_is_help=True)(plan)
+app.command("report", no_args_is_help=True)(report)
 app.command("simulate", no_args_is_help=True)(simulate)
 app.command("twist", no_args_is_help=True)(twist)
 app.command("uncertainty", no_args_is_help=True)(uncertainty)

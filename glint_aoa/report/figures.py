@@ -189,6 +189,7 @@ def measured_field(stack: FieldStack, result: PointResult, number: int) -> Figur
     u, v = plane.to_pixels(along, height)
     angle = result.values["angle_deg"][number]
     u95 = coverage_factor() * result.values["angle_std_deg"][number]
+    measured = f"{angle:.4f} deg, 95 % within {u95:.4f} deg" if np.isfinite(angle) else "no angle"
     pitch = plane.pixel_pitch
     return field_with_line(
         field[0],
@@ -198,7 +199,7 @@ def measured_field(stack: FieldStack, result: PointResult, number: int) -> Figur
         first_line=first_line,
         first_column=recording.first_column,
         pixel_aspect=pitch[1] / pitch[0],
-        title=f"{result.name}, field {number}: {angle:.4f} deg, 95 % within {u95:.4f} deg",
+        title=f"{result.name}, field {number}: {measured}",
     )
 
 

@@ -8,7 +8,14 @@ from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args, get_type_hints
 
 import pydantic
-from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, TypeAdapter
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    TypeAdapter,
+    ValidationInfo,
+)
 from pydantic.fields import FieldInfo
 
 from glint_aoa.errors import InputError, SetupError
@@ -16,6 +23,7 @@ from glint_aoa.units import convert, parse_quantity
 
 __all__ = [
     "FILL_IN",
+    "IN_SI",
     "Count",
     "Metres",
     "Number",
@@ -42,10 +50,19 @@ __all__ = [
 FILL_IN = "FILL IN"
 """Stands in a new file of settings for a value that only the user can know."""
 
+IN_SI = {"in_si": True}
+"""Context of a validation in which bare numbers are in the unit that the section holds."""
+
 
 def quantity(unit: str) -> BeforeValidator:
     """Return a validator that reads a string such as ``"9.8 Hz"`` as a number in `unit`."""
-    return BeforeValidator(partial(parse_quantity, unit=unit))
+    return BeforeValidator(partial(_parsed, unit=unit))
+
+
+def _parsed(value: Any, info: ValidationInfo, *, unit: str) -> float:
+    if info.context == IN_SI and isinstance(value, float):
+        return value
+    return parse_quantity(value, unit)
 
 
 def finite(value: float) -> float:

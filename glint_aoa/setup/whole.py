@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from glint_aoa.errors import SetupError
 from glint_aoa.setup.calibration import (
@@ -18,7 +18,15 @@ from glint_aoa.setup.camera import Camera, Fields
 from glint_aoa.setup.glint import Glint
 from glint_aoa.setup.inertial import Inertial
 from glint_aoa.setup.plan import Plan
-from glint_aoa.setup.section import Section, check_filled, nearest, read_toml, validated
+from glint_aoa.setup.section import (
+    IN_SI,
+    Section,
+    check_filled,
+    first_problem,
+    nearest,
+    read_toml,
+    validated,
+)
 
 __all__ = ["CALIBRATED", "Setup", "load_setup"]
 
@@ -73,6 +81,31 @@ class Setup(Section):
                         "keep one of them"
                     )
         return self
+
+    @classmethod
+    def of_results(cls, text: str, folder: Path) -> Self:
+        """Read what the attribute ``setup`` of a point's results says, numbers in SI units.
+
+        Parameters
+        ----------
+        text : str
+            JSON, as ``model_dump_json`` wrote it.
+        folder : Path
+            Folder of the setup file, from which its calibrations are named.
+
+        Raises
+        ------
+        SetupError
+            If it is no such text, or of another version of the setup.
+        """
+        try:
+            setup = cls.model_validate_json(text, context=IN_SI)
+        except ValidationError as error:
+            raise SetupError(
+                f"the results' attribute setup cannot be read ({first_problem(error, cls)}); "
+                "process the point again"
+            ) from None
+        return setup.model_copy(update={"folder": folder})
 
     @property
     def hash(self) -> str:
