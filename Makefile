@@ -58,6 +58,7 @@ torture: $(VENV)/installed-dev
 	$(BIN)/python -m torture
 	$(BIN)/python -m torture.kills
 	$(BIN)/python -m torture.long
+	$(BIN)/python -m benchmarks.live --long
 
 fuzz: $(VENV)/installed-dev
 	$(BIN)/python -m fuzz

@@ -1,4 +1,4 @@
-"""Print how fast, precise, honest and frugal the optical measurement is on this machine."""
+"""Print how fast, precise, honest and frugal the measurement is on this machine, live as well."""
 
 import os
 import platform
@@ -11,7 +11,7 @@ import numba
 import numpy as np
 import scipy
 
-from benchmarks import changes, field_coverage, memory, precision, speed
+from benchmarks import changes, field_coverage, live, memory, precision, speed
 from glint_aoa import __version__
 
 _PARTS: dict[str, Callable[[], object]] = {
@@ -20,6 +20,7 @@ _PARTS: dict[str, Callable[[], object]] = {
     "changes": changes.run,
     "coverage": field_coverage.run,
     "memory": memory.run,
+    "live": live.run,
 }
 
 

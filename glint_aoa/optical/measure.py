@@ -24,11 +24,13 @@ from glint_aoa.setup import Setup
 __all__ = [
     "FieldAngles",
     "Measurement",
+    "angles_of",
     "fit_fields",
     "measure_fields",
     "measure_prepared",
     "measure_stack",
     "prepare",
+    "summed_fields",
 ]
 
 _Array = NDArray[np.float64]
@@ -84,7 +86,7 @@ def measure_fields(
     FieldAngles
         One entry a field.
     """
-    return _angles(_summed(block, number, measurement), number, measurement)
+    return angles_of(summed_fields(block, number, measurement), number, measurement)
 
 
 def measure_stack(
@@ -144,7 +146,7 @@ def measure_prepared(
     parts = _in_threads(stack, measurement, threads or os.cpu_count() or 1)
     lines = FieldSummary.joined(_told(parts, progress), stack.n_fields)
     recording = measurement.recording
-    angles = _angles(lines, np.arange(stack.n_fields, dtype=np.int64), measurement)
+    angles = angles_of(lines, np.arange(stack.n_fields, dtype=np.int64), measurement)
     if stack.times_s is not None:
         angles = _with_timestamps(angles, stack.times_s, recording)
     moved = np.zeros(stack.n_fields, np.bool_)
@@ -170,22 +172,34 @@ def _in_threads(
     """Measure the blocks in order, while at most one more than `threads` is held in memory."""
     if threads == 1:
         for start, block in stack.blocks():
-            yield _summed(block, start + np.arange(len(block)), measurement)
+            yield summed_fields(block, start + np.arange(len(block)), measurement)
         return
     waiting: deque[Future[FieldSummary]] = deque()
     with ThreadPoolExecutor(threads) as pool:
         for start, block in stack.blocks():
             number = start + np.arange(len(block))
-            waiting.append(pool.submit(_summed, block, number, measurement))
+            waiting.append(pool.submit(summed_fields, block, number, measurement))
             if len(waiting) > threads:
                 yield waiting.popleft().result()
         while waiting:
             yield waiting.popleft().result()
 
 
-def _summed(
+def summed_fields(
     block: NDArray[np.integer], number: NDArray[np.int64], measurement: Measurement
 ) -> FieldSummary:
+    """Measure a block of fields as far as the sums over their columns, the mark's place included.
+
+    Parameters
+    ----------
+    block, number, measurement
+        As for `measure_fields`.
+
+    Returns
+    -------
+    FieldSummary
+        To be given to `angles_of`.
+    """
     lines = measurement.summary(block, number)
     if measurement.mark is None:
         return lines
@@ -193,10 +207,23 @@ def _summed(
     return replace(lines, mark_shift=shift)
 
 
-def _angles(
+def angles_of(
     lines: FieldSummary, number: NDArray[np.int64], measurement: Measurement
 ) -> FieldAngles:
-    """Angles of fields from what their columns come to."""
+    """Return the angles of fields from what their columns come to.
+
+    Parameters
+    ----------
+    lines : FieldSummary
+        From `summed_fields`.
+    number, measurement
+        As for `measure_fields`.
+
+    Returns
+    -------
+    FieldAngles
+        One entry a field.
+    """
     enough = lines.used >= _LEAST_COLUMNS
     variance = np.where(enough, _unit_variance(lines, measurement), np.nan)
     angle, angle_std, intercept, intercept_std = _attitude(lines, variance, measurement)

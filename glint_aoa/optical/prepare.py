@@ -24,7 +24,7 @@ from glint_aoa.records.fields import FieldStack
 from glint_aoa.records.recording import Recording
 from glint_aoa.setup import Setup
 
-__all__ = ["prepare"]
+__all__ = ["SAMPLE_SIZE", "prepare"]
 
 _Array = NDArray[np.float64]
 
@@ -35,7 +35,9 @@ _LEARN: Mapping[str, Callable[[Sample, GlintShape, NoiseModel], Estimator]] = {
     "steger": steger.learn,
 }
 
-_SAMPLE = 64  # fields that stand for a stack
+SAMPLE_SIZE = 64
+"""Fields of a stack that it is learnt from."""
+
 _LEAST_NOISE = 1e-4  # lines: what no estimate of a centre's noise goes below
 _PRIOR_WEIGHTS = (10.0, 1000.0)  # fields that the usual noise of a column counts against its own
 _LEAST_COLUMNS = 3
@@ -75,7 +77,8 @@ def prepare(stack: FieldStack, setup: Setup, recording: Recording) -> Measuremen
     SetupError
         If a reflection is asked for that the camera cannot see.
     """
-    number = np.unique(np.linspace(0, stack.n_fields - 1, min(_SAMPLE, stack.n_fields)).astype(int))
+    size = min(SAMPLE_SIZE, stack.n_fields)
+    number = np.unique(np.linspace(0, stack.n_fields - 1, size).astype(int))
     sample = np.concatenate([stack.read(int(k), int(k) + 1) for k in number])
     plain = _plain(stack, setup, recording, sample)
     rough, _, centres = _with_columns(plain, sample, number)

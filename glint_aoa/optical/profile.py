@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from types import ModuleType
 from typing import Any
 
@@ -71,7 +72,7 @@ class ProfileMatch(FusedEstimator):
 
         return _profile_kernel
 
-    @property
+    @cached_property
     def _settings(self) -> tuple[Any, ...]:
         tables, shape, noise = self.tables, self.shape, self.noise
         return (
