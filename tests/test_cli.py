@@ -73,6 +73,7 @@ COMMANDS = {
     ),
     "plan": "glint-aoa plan glint-aoa.toml --out plan",
     "report": "glint-aoa report results --jobs 4",
+    "monitor": ("glint-aoa monitor run-01 --setup glint-aoa.toml --live http://127.0.0.1:8765"),
     "simulate": "glint-aoa simulate demo --out points --jobs 2",
     "twist": "glint-aoa twist wind-off.h5 wind-on.h5 --targets targets.csv --reference body",
     "uncertainty": "glint-aoa uncertainty glint-aoa.toml --angles -6,0,6 --out budget",

@@ -18,6 +18,7 @@ from glint_aoa.cli.doctor import doctor
 from glint_aoa.cli.init import init
 from glint_aoa.cli.inspect import inspect
 from glint_aoa.cli.live import live
+from glint_aoa.cli.monitor import monitor
 from glint_aoa.cli.plan import plan
 from glint_aoa.cli.process import process
 from glint_aoa.cli.report import report
@@ -54,6 +55,7 @@ app.command("benchmark", cls=BenchmarkCommand, no_args_is_help=True)(benchmark)
 app.command("plan", no_args_is_help=True)(plan)
 app.command("report", no_args_is_help=True)(report)
 app.command("live", no_args_is_help=True)(live)
+app.command("monitor", no_args_is_help=True)(monitor)
 app.command("simulate", no_args_is_help=True)(simulate)
 app.command("twist", no_args_is_help=True)(twist)
 app.command("uncertainty", no_args_is_help=True)(uncertainty)

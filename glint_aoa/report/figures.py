@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from glint_aoa.benchmark import PointError, Technique
 from glint_aoa.coverage import coverage_factor
 from glint_aoa.errors import OutputError
+from glint_aoa.optical.drawn_line import drawn_line
 from glint_aoa.optical.measure import fit_fields
 from glint_aoa.process import PointResult
 from glint_aoa.records._files import replacing
@@ -178,22 +179,17 @@ def measured_field(stack: FieldStack, result: PointResult, number: int) -> Figur
         As from `field_with_line`, in sensor columns and field lines.
     """
     angles, how = result.angles, result.measurement
-    recording, plane = how.recording, how.to_plane
+    recording = how.recording
     first_line = float(recording.line_of(np.zeros(1), angles.field[[number]])[0])
-    columns = recording.first_column + np.arange(stack.n_columns, dtype=np.float64)
-    # The line in pixels: points along it in the plane, spaced as the columns are, mapped back.
-    along, _ = plane(columns, np.full(stack.n_columns, first_line + stack.n_lines / 2))
     field = stack.read(number, number + 1)
     centres, fit = fit_fields(field, angles.field[[number]], how)
-    height = fit.intercept[0] + fit.slope[0] * along
-    u, v = plane.to_pixels(along, height)
     angle = result.values["angle_deg"][number]
     u95 = coverage_factor() * result.values["angle_std_deg"][number]
     measured = f"{angle:.4f} deg, 95 % within {u95:.4f} deg" if np.isfinite(angle) else "no angle"
-    pitch = plane.pixel_pitch
+    pitch = how.to_plane.pixel_pitch
     return field_with_line(
         field[0],
-        np.interp(columns, u, v),
+        first_line + drawn_line(fit, number, how, field.shape[1:]),
         centre_u=recording.first_column + how.columns.astype(np.float64),
         centre_v=first_line + centres.row[0],
         first_line=first_line,

@@ -1,0 +1,135 @@
+"""Who may see the page, and what its buttons write without a live session."""
+
+import re
+
+import pytest
+
+from glint_aoa.errors import InputError, OutputError
+from glint_aoa.monitor.access import Access
+from glint_aoa.monitor.marks import FolderControls
+from glint_aoa.records.tables import read_csv
+
+TOKEN = "abcdefghij-_0123456789"
+
+
+def test_localhost_needs_no_token_and_all_else_has_one():
+    assert Access.of("127.0.0.1", 5007, None).token is None
+    assert Access.of("localhost", 5007, None).token is None
+    assert Access.of("::1", 5007, None).token is None
+    made = {Access.of(address, 5007, None).token for address in ("0.0.0.0", "10.0.0.5", "::")}
+    assert len(made) == 3
+    assert all(len(token) >= 32 for token in made)
+    assert Access.of("127.0.0.1", 5007, TOKEN).token == TOKEN
+
+
+@pytest.mark.parametrize(
+    ("address", "host", "known"),
+    [
+        ("127.0.0.1", "127.0.0.1:5007", True),
+        ("127.0.0.1", "LOCALHOST:5007", True),
+        ("127.0.0.1", "[::1]:5007", True),
+        ("127.0.0.1", "localhost", False),
+        ("127.0.0.1", "localhost:80", False),
+        ("127.0.0.1", "evil.example:5007", False),
+        ("127.0.0.1", "localhost.evil.example:5007", False),
+        ("127.0.0.1", "10.0.0.5:5007", False),
+        ("127.0.0.1", "evil@localhost:5007", False),
+        ("127.0.0.1", "localhost:x", False),
+        ("127.0.0.1", "", False),
+        ("10.0.0.5", "10.0.0.5:5007", True),
+        ("10.0.0.5", "localhost:5007", False),
+        ("10.0.0.5", "evil.example:5007", False),
+        ("0.0.0.0", "192.168.1.7:5007", True),
+        ("0.0.0.0", "localhost:5007", True),
+        ("0.0.0.0", "tunnel-pc:5007", True),
+        ("0.0.0.0", "evil.example:5007", False),
+    ],
+)
+def test_only_the_server_s_own_names_are_known(address, host, known, monkeypatch):
+    monkeypatch.setattr("socket.gethostname", lambda: "Tunnel-PC")
+    monkeypatch.setattr("socket.getfqdn", lambda: "tunnel-pc.lab")
+    assert Access.of(address, 5007, TOKEN).knows_host(host) is known
+
+
+@pytest.mark.parametrize(
+    ("origin", "known"),
+    [
+        ("http://127.0.0.1:5007", True),
+        ("https://127.0.0.1:5007", False),
+        ("http://127.0.0.1:5008", False),
+        ("http://localhost:5007", False),
+        ("null", False),
+    ],
+)
+def test_only_the_page_itself_may_ask(origin, known):
+    access = Access.of("127.0.0.1", 5007, None)
+    assert access.knows_origin(origin, "127.0.0.1:5007") is known
+
+
+def test_the_token_must_be_right():
+    access = Access.of("0.0.0.0", 5007, TOKEN)
+    assert access.knows_token(TOKEN)
+    for wrong in (None, "", TOKEN[:-1], TOKEN + "x", "é"):
+        assert not access.knows_token(wrong)
+    assert Access.of("127.0.0.1", 5007, None).knows_token(None)
+
+
+def test_the_address_of_the_page_has_the_token(monkeypatch):
+    monkeypatch.setattr("socket.gethostname", lambda: "tunnel-pc")
+    assert Access.of("127.0.0.1", 5007, None).url == "http://127.0.0.1:5007/"
+    assert Access.of("::1", 5007, None).url == "http://[::1]:5007/"
+    assert Access.of("0.0.0.0", 5007, TOKEN).url == f"http://tunnel-pc:5007/?token={TOKEN}"
+
+
+@pytest.mark.parametrize("address", ["everywhere", "tunnel-pc", "", "300.1.1.1"])
+def test_what_is_no_address_is_refused(address):
+    sentence = f"--listen is {address}; give an IP address of this machine, or 0.0.0.0 for all"
+    with pytest.raises(InputError, match=f"^{re.escape(sentence)}$"):
+        Access.of(address, 5007, None)
+
+
+@pytest.mark.parametrize(
+    "token", ["short", "", "with a space in the token", "ünsafe-in-an-address"]
+)
+def test_a_token_that_can_be_guessed_or_not_be_written_is_refused(token):
+    sentence = "--token must be 16 or more letters, digits, - and _; leave it out to have one made"
+    with pytest.raises(InputError, match=f"^{re.escape(sentence)}$"):
+        Access.of("127.0.0.1", 5007, token)
+
+
+def test_a_trigger_is_an_empty_file_that_is_written_once(tmp_path):
+    controls = FolderControls(tmp_path, now=lambda: 1_790_000_000.25)
+    assert controls.trigger() == "Trigger written at 14:13:20 UTC"
+    assert (tmp_path / "trigger").read_bytes() == b""
+    sentence = (
+        f"{tmp_path / 'trigger'} is there already: nothing has taken the last trigger; is "
+        f"glint-aoa live running with --trigger-file {tmp_path / 'trigger'}?"
+    )
+    with pytest.raises(OutputError, match=re.escape(sentence)):
+        controls.trigger()
+    (tmp_path / "trigger").unlink()
+    controls.trigger()
+
+
+def test_marks_are_rows_of_a_table(tmp_path):
+    times = iter([1_790_000_000.25, 1_790_000_060.5])
+    controls = FolderControls(tmp_path, now=lambda: next(times))
+    assert controls.shaker_off() == "Shaker off marked at 14:13:20 UTC"
+    controls.shaker_off()
+    assert read_csv(tmp_path / "marks.csv") == {
+        "time": ["2026-09-21T14:13:20.250+00:00", "2026-09-21T14:14:20.500+00:00"],
+        "unix_time_s": ["1790000000.250", "1790000060.500"],
+        "mark": ["shaker off", "shaker off"],
+    }
+
+
+def test_neither_button_writes_through_a_link(tmp_path):
+    (tmp_path / "points").mkdir()
+    controls = FolderControls(tmp_path / "points")
+    for name in ("trigger", "marks.csv"):
+        (tmp_path / "points" / name).symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(OutputError, match="is there already"):
+        controls.trigger()
+    with pytest.raises(OutputError, match=r"marks\.csv is a link and is not followed"):
+        controls.shaker_off()
+    assert not (tmp_path / "elsewhere").exists()
