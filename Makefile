@@ -13,7 +13,7 @@ help:
 	@echo "make notebooks  run the notebooks and compare with what is stored"
 	@echo "make check  format, lint, types, import layers"
 	@echo "make docs   build the site of the documents (build/docs/index.html); warnings are errors"
-	@echo "make bench  speed, precision and memory of the measurement, beside rivals; 5 minutes"
+	@echo "make bench  speed, precision and memory of the measurement, beside rivals; 7 minutes"
 	@echo "make coverage  do the stated uncertainties cover the errors; thousands of draws each"
 	@echo "make torture  measure thousands of spoilt recordings, kill a batch hundreds of times"
 	@echo "make fuzz   read tens of thousands of damaged files and setups"

@@ -11,7 +11,7 @@ import numba
 import numpy as np
 import scipy
 
-from benchmarks import changes, field_coverage, live, memory, precision, speed
+from benchmarks import batch, changes, field_coverage, live, memory, precision, speed
 from glint_aoa import __version__
 
 _PARTS: dict[str, Callable[[], object]] = {
@@ -21,6 +21,7 @@ _PARTS: dict[str, Callable[[], object]] = {
     "coverage": field_coverage.run,
     "memory": memory.run,
     "live": live.run,
+    "batch": batch.run,
 }
 
 

@@ -9,6 +9,7 @@
     |   +-- CalibrationError   calibration data or a calibration file
     |   +-- OutputError        where results should go
     +-- MissingLibraryError    an optional part of the machine is not there
+    +-- WorkerDiedError        a process that shared the work is gone
 
 Every message is one sentence that names what was wrong, followed by the next step.
 """
@@ -21,6 +22,7 @@ __all__ = [
     "OutputError",
     "RecordingError",
     "SetupError",
+    "WorkerDiedError",
 ]
 
 
@@ -56,3 +58,7 @@ class OutputError(InputError):
 
 class MissingLibraryError(GlintError):
     """A library that only some uses need is not installed or does not work."""
+
+
+class WorkerDiedError(GlintError):
+    """A process that shared the work died under an item, and another one after it."""

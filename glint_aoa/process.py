@@ -46,6 +46,8 @@ __all__ = ["PointResult", "load_sweep", "measure_point", "point_identity", "proc
 _Array = NDArray[np.float64]
 _MM = 1e3
 
+Measure = Callable[..., tuple[FieldAngles, Measurement]]
+
 
 @dataclass(frozen=True)
 class PointResult:
@@ -107,6 +109,7 @@ def measure_point(
     *,
     sweep: PitchSweep | None = None,
     acquisition: AcquisitionRecord | None = None,
+    measure: Measure = measure_stack,
     progress: Callable[[int], None] | None = None,
 ) -> PointResult:
     """Measure the fields of a point, calibrate their angles and average them.
@@ -122,6 +125,9 @@ def measure_point(
     acquisition : AcquisitionRecord, optional
         Channels of the same point, which may show motion too fast for the fields; looked for in
         and beside the recording if not given.
+    measure : callable, optional
+        What measures the fields: `glint_aoa.optical.measure.measure_stack` with other options, or
+        what joins parts that were measured elsewhere.
     progress : callable, optional
         Called after each block with the number of fields that it held.
 
@@ -140,7 +146,7 @@ def measure_point(
     recording = resolve_recording(stack, setup)
     # The matrices are small: threads of the linear algebra only get into each other's way.
     with threadpool_limits(limits=1, user_api="blas"):
-        return _measured(stack, setup, recording, sweep, acquisition, progress)
+        return _measured(stack, setup, recording, sweep, acquisition, measure, progress)
 
 
 def _measured(
@@ -149,10 +155,11 @@ def _measured(
     recording: Recording,
     sweep: PitchSweep | None,
     acquisition: AcquisitionRecord | None,
+    measure: Measure,
     progress: Callable[[int], None] | None,
 ) -> PointResult:
     geometry = uncertain_geometry(setup)
-    angles, measurement = measure_stack(stack, setup, recording, progress=progress)
+    angles, measurement = measure(stack, setup, recording, progress=progress)
     temperature, swept = None, None
     if sweep is not None:
         temperature = stack_temperature(stack, setup.inertial)
@@ -188,6 +195,7 @@ def process_point(
     acquisition: AcquisitionRecord | None = None,
     overwrite: bool = False,
     to_log: bool = True,
+    measure: Measure = measure_stack,
     progress: Callable[[int], None] | None = None,
 ) -> PointResult:
     """Measure a recorded point and write its results.
@@ -202,7 +210,7 @@ def process_point(
         The setup; the sweep that it names is applied.
     out : str or Path
         Folder of the results; made where it is not there.
-    acquisition : AcquisitionRecord, optional
+    acquisition, measure
         As for `measure_point`.
     overwrite : bool, optional
         Whether results of the same name may be replaced.
@@ -225,7 +233,12 @@ def process_point(
     if not overwrite:
         check_new_results(out, stack.name)
     result = measure_point(
-        stack, setup, sweep=load_sweep(setup), acquisition=acquisition, progress=progress
+        stack,
+        setup,
+        sweep=load_sweep(setup),
+        acquisition=acquisition,
+        measure=measure,
+        progress=progress,
     )
     result = replace(result, attrs=result.attrs | input_hashes(stack.path, setup))
     write_results(out, result.name, result.values, result.attrs)

@@ -1,7 +1,7 @@
 """Going on where an interrupted run stopped: which points have their results already."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from glint_aoa.errors import InputError, OutputError
@@ -17,7 +17,13 @@ _IDENTITY = ("run", "point", "trigger_time")
 _Identity = tuple[str, ...]
 
 
-def finished_points(paths: Sequence[Path], setup: Setup, out: Path) -> list[Path]:
+def finished_points(
+    paths: Sequence[Path],
+    setup: Setup,
+    out: Path,
+    *,
+    has_files: Callable[[str], bool] | None = None,
+) -> list[Path]:
     """Find the points that an earlier run with the same setup has finished.
 
     A point is finished if its files are there and its row is in the log, which is written last.
@@ -29,7 +35,9 @@ def finished_points(paths: Sequence[Path], setup: Setup, out: Path) -> list[Path
     setup : Setup
         The setup.
     out : Path
-        Folder of the results.
+        Folder of the results, or of the log alone.
+    has_files : callable, optional
+        Whether the files of a point's name are there, if they are not in `out`.
 
     Returns
     -------
@@ -46,8 +54,9 @@ def finished_points(paths: Sequence[Path], setup: Setup, out: Path) -> list[Path
     rows, others = _logged(out / "log.csv", setup)
     finished = []
     for path in paths:
-        identity = _identity(path)
-        if identity is None or not all(each.exists() for each in result_files(out, path.stem)):
+        there = has_files(path.stem) if has_files else _has_files(out, path.stem)
+        identity = _identity(path) if there else None
+        if identity is None:
             continue
         if rows[identity]:
             rows[identity] -= 1
@@ -58,6 +67,10 @@ def finished_points(paths: Sequence[Path], setup: Setup, out: Path) -> list[Path
                 "--out, or --overwrite to measure it again"
             )
     return finished
+
+
+def _has_files(out: Path, name: str) -> bool:
+    return all(each.exists() for each in result_files(out, name))
 
 
 def _logged(log: Path, setup: Setup) -> tuple[Counter[_Identity], Counter[_Identity]]:

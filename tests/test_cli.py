@@ -51,6 +51,7 @@ COMMANDS = {
     "doctor": "glint-aoa doctor --folder results",
     "inspect": "glint-aoa inspect point-01.h5 --setup glint-aoa.toml --png point-01.png",
     "process": "glint-aoa process run-01/*.h5 --setup glint-aoa.toml --out results",
+    "batch": "glint-aoa batch points --setup glint-aoa.toml --out results --memory 4GB",
     "calibrate": "glint-aoa calibrate sweep sweep-*.h5 --setup glint-aoa.toml --out sweep.toml",
     "calibrate camera": (
         "glint-aoa calibrate camera board-*.png --board chessboard:9x6:30mm -s glint-aoa.toml"

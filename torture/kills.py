@@ -64,7 +64,12 @@ class Kills:
 
 
 def kill_batch(
-    folder: Path, *, kills: int = KILLS, points: int = POINTS, seed: int = SEED
+    folder: Path,
+    *,
+    kills: int = KILLS,
+    points: int = POINTS,
+    seed: int = SEED,
+    command: str = "process",
 ) -> Kills:
     """Kill a batch so many times, and go on until it has come to its end.
 
@@ -78,16 +83,18 @@ def kill_batch(
         How many points the batch has.
     seed : int
         Of the points and of the moments.
+    command : {"process", "batch"}
+        What measures them: one process, or two and the one that waits, which is killed.
     """
     _write_points(folder, points, seed)
     began = time.monotonic()
-    _start(folder, "whole").wait()
+    _start(folder, "whole", "process").wait()
     usual_s = time.monotonic() - began
     expected = _files(folder / "whole")
     chance = random.Random(seed)
     outcome = Kills(0, 0, [], [])
     while outcome.kills < kills or outcome.batches == 0:
-        process = _start(folder, "out")
+        process = _start(folder, "out", command)
         try:
             status = process.wait(
                 chance.uniform(0.0, _LONGEST * usual_s) if outcome.kills < kills else None
@@ -126,12 +133,13 @@ def _files(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.glob("[!.]*")}
 
 
-def _start(folder: Path, out: str) -> "subprocess.Popen[bytes]":
-    files = sorted((folder / "points").iterdir())
-    what = ["process", *files, "--setup", folder / "glint-aoa.toml", "--out", folder / out]
-    command = "from glint_aoa.cli import main; main()"
+def _start(folder: Path, out: str, command: str) -> "subprocess.Popen[bytes]":
+    points = folder / "points"
+    given = [points, "--jobs", "2"] if command == "batch" else sorted(points.iterdir())
+    what = [command, *given, "--setup", folder / "glint-aoa.toml", "--out", folder / out]
+    program = "from glint_aoa.cli import main; main()"
     return subprocess.Popen(
-        [sys.executable, "-c", command, *map(str, what), "--resume"],
+        [sys.executable, "-c", program, *map(str, what), "--resume"],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )
@@ -157,10 +165,15 @@ def main() -> int:
     parser.add_argument("--kills", type=int, default=KILLS)
     parser.add_argument("--points", type=int, default=POINTS, help="in the batch")
     parser.add_argument("--seed", type=int, default=SEED)
+    parser.add_argument("--command", choices=("process", "batch"), default="process")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         found = kill_batch(
-            Path(folder), kills=options.kills, points=options.points, seed=options.seed
+            Path(folder),
+            kills=options.kills,
+            points=options.points,
+            seed=options.seed,
+            command=options.command,
         )
     print(f"{found.kills} kills, {found.batches} batches of {options.points} points came to an end")
     for what, names in (("differ at the end", found.differing), ("cut short", found.partial)):

@@ -10,6 +10,7 @@ import typer
 
 from glint_aoa.cli import calibrate
 from glint_aoa.cli._benchmark_command import BenchmarkCommand
+from glint_aoa.cli.batch import batch
 from glint_aoa.cli.benchmark import benchmark
 from glint_aoa.cli.convert import convert
 from glint_aoa.cli.correct import correct
@@ -48,6 +49,7 @@ app.command("init")(init)
 app.command("doctor")(doctor)
 app.command("inspect", no_args_is_help=True)(inspect)
 app.command("process", no_args_is_help=True)(process)
+app.command("batch", no_args_is_help=True)(batch)
 app.add_typer(calibrate.app, name="calibrate")
 app.command("convert", no_args_is_help=True)(convert)
 app.command("correct", no_args_is_help=True)(correct)

@@ -336,7 +336,7 @@ def measure_fields(
 ):
     """Find the line in each field, measure its columns and sum them up, while it is in the cache.
 
-    Fills what `glint_aoa.optical._summary_kernel.summarise` does; `search` are that of
+    Fills what `glint_aoa.optical._summary_kernel.summed_part` does; `search` are that of
     `coarse_line`, `sums` that of `summarise_field`.
     """
     n = columns.size

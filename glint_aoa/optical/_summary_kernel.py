@@ -147,7 +147,7 @@ def summarise_field(row, height, cut, clipped, first_line, settings, scratch, fi
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def summarise(row, height, cut, clipped, first_line, settings, figures, counts, fingerprint):
+def summed_part(row, height, cut, clipped, first_line, settings, figures, counts, fingerprint):
     """Fill what `summarise_field` does for a block: [field, figure], [field, count], [field]."""
     scratch = scratch_for(settings)
     for k in range(row.shape[0]):

@@ -2,9 +2,10 @@
 
 import os
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,7 @@ from glint_aoa.optical.prepare import prepare
 from glint_aoa.optical.reference import has_moved, mark_shift, moved_fields
 from glint_aoa.optical.sequence import check_sequence
 from glint_aoa.optical.summary import FieldSummary
-from glint_aoa.records.fields import FieldStack
+from glint_aoa.records.fields import BLOCK_BYTES, FieldStack
 from glint_aoa.records.recording import Recording
 from glint_aoa.setup import Setup
 
@@ -26,11 +27,13 @@ __all__ = [
     "Measurement",
     "angles_of",
     "fit_fields",
+    "joined_angles",
     "measure_fields",
     "measure_prepared",
     "measure_stack",
     "prepare",
     "summed_fields",
+    "summed_part",
 ]
 
 _Array = NDArray[np.float64]
@@ -95,6 +98,7 @@ def measure_stack(
     recording: Recording,
     *,
     threads: int | None = None,
+    block_bytes: int = BLOCK_BYTES,
     progress: Callable[[int], None] | None = None,
 ) -> tuple[FieldAngles, Measurement]:
     """Learn from a stack how it is to be measured, and measure it.
@@ -103,7 +107,7 @@ def measure_stack(
     ----------
     stack, setup, recording
         As for `prepare`.
-    threads, progress
+    threads, block_bytes, progress
         As for `measure_prepared`.
 
     Returns
@@ -114,7 +118,10 @@ def measure_stack(
         What was learnt from the sample.
     """
     measurement = prepare(stack, setup, recording)
-    return measure_prepared(stack, measurement, threads=threads, progress=progress), measurement
+    angles = measure_prepared(
+        stack, measurement, threads=threads, block_bytes=block_bytes, progress=progress
+    )
+    return angles, measurement
 
 
 def measure_prepared(
@@ -122,6 +129,7 @@ def measure_prepared(
     measurement: Measurement,
     *,
     threads: int | None = None,
+    block_bytes: int = BLOCK_BYTES,
     progress: Callable[[int], None] | None = None,
 ) -> FieldAngles:
     """Measure a whole stack, block by block, and check its fields against each other.
@@ -135,6 +143,8 @@ def measure_prepared(
     threads : int, optional
         Blocks that are measured at the same time; as many as there are processors if not given.
         The result does not depend on it.
+    block_bytes : int, optional
+        What the fields of a block take, at most [bytes]. Nor on this.
     progress : callable, optional
         Called after each block with the number of fields that it held.
 
@@ -143,8 +153,50 @@ def measure_prepared(
     FieldAngles
         One entry a field, in order.
     """
-    parts = _in_threads(stack, measurement, threads or os.cpu_count() or 1)
-    lines = FieldSummary.joined(_told(parts, progress), stack.n_fields)
+    blocks = stack.blocks(stack.fields_in(block_bytes))
+    parts = _in_threads(blocks, measurement, threads or os.cpu_count() or 1)
+    return joined_angles(stack, measurement, _told(parts, progress))
+
+
+def summed_part(
+    stack: FieldStack, measurement: Measurement, start: int, stop: int, *, block_bytes: int
+) -> FieldSummary:
+    """Measure a part of a stack; parts of one stack may be measured anywhere, in any order.
+
+    Parameters
+    ----------
+    stack, measurement, block_bytes
+        As for `measure_prepared`.
+    start, stop : int
+        First field of the part, and the one after its last.
+
+    Returns
+    -------
+    FieldSummary
+        One entry a field; for `joined_angles`.
+    """
+    blocks = stack.blocks(stack.fields_in(block_bytes), start, stop)
+    return FieldSummary.joined(_in_threads(blocks, measurement, 1), stop - start)
+
+
+def joined_angles(
+    stack: FieldStack, measurement: Measurement, parts: Iterable[FieldSummary]
+) -> FieldAngles:
+    """Join the parts of a stack in order, and check its fields against each other.
+
+    Parameters
+    ----------
+    stack, measurement
+        As for `measure_prepared`.
+    parts : iterable of FieldSummary
+        All parts, in order; as from `summed_part`.
+
+    Returns
+    -------
+    FieldAngles
+        One entry a field, in order.
+    """
+    lines = FieldSummary.joined(parts, stack.n_fields)
     recording = measurement.recording
     angles = angles_of(lines, np.arange(stack.n_fields, dtype=np.int64), measurement)
     if stack.times_s is not None:
@@ -167,16 +219,16 @@ def _told(
 
 
 def _in_threads(
-    stack: FieldStack, measurement: Measurement, threads: int
+    blocks: Iterable[tuple[int, NDArray[Any]]], measurement: Measurement, threads: int
 ) -> Iterator[FieldSummary]:
     """Measure the blocks in order, while at most one more than `threads` is held in memory."""
     if threads == 1:
-        for start, block in stack.blocks():
+        for start, block in blocks:
             yield summed_fields(block, start + np.arange(len(block)), measurement)
         return
     waiting: deque[Future[FieldSummary]] = deque()
     with ThreadPoolExecutor(threads) as pool:
-        for start, block in stack.blocks():
+        for start, block in blocks:
             number = start + np.arange(len(block))
             waiting.append(pool.submit(summed_fields, block, number, measurement))
             if len(waiting) > threads:

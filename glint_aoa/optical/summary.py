@@ -181,7 +181,7 @@ class Summariser:
         from glint_aoa.optical import _summary_kernel as kernel  # noqa: PLC0415  compiles
 
         figures, counts, fingerprint = room_for(first_line.size)
-        kernel.summarise(
+        kernel.summed_part(
             centres.row,
             centres.height,
             centres.cut,

@@ -266,7 +266,16 @@ class FieldStack:
     @property
     def block_size(self) -> int:
         """Number of fields in a block of `blocks`, unless asked otherwise."""
-        return max(1, BLOCK_BYTES // (self.n_lines * self.n_columns * self.dtype.itemsize))
+        return self.fields_in(BLOCK_BYTES)
+
+    @property
+    def n_bytes(self) -> int:
+        """What all fields take in memory [bytes]."""
+        return self.n_fields * self.n_lines * self.n_columns * self.dtype.itemsize
+
+    def fields_in(self, n_bytes: int) -> int:
+        """Return how many fields fit so much memory [bytes], but at least one."""
+        return max(1, n_bytes // (self.n_bytes // self.n_fields))
 
     def __len__(self) -> int:
         """Return the number of fields."""
@@ -313,13 +322,17 @@ class FieldStack:
             )
         return fields
 
-    def blocks(self, size: int | None = None) -> Iterator[tuple[int, NDArray[Any]]]:
+    def blocks(
+        self, size: int | None = None, start: int = 0, stop: int | None = None
+    ) -> Iterator[tuple[int, NDArray[Any]]]:
         """Read the stack from first to last, block by block.
 
         Parameters
         ----------
         size : int, optional
             Fields in a block; by default as many as fit 8 MB.
+        start, stop : int, optional
+            First field, and the one after the last; all by default.
 
         Yields
         ------
@@ -327,8 +340,9 @@ class FieldStack:
             Number of the block's first field, and the block.
         """
         step = self.block_size if size is None else size
-        for start in range(0, self.n_fields, step):
-            yield start, self.read(start, start + step)
+        end = self.n_fields if stop is None else min(stop, self.n_fields)
+        for first in range(start, end, step):
+            yield first, self.read(first, min(first + step, end))
 
     @property
     def _label(self) -> str:

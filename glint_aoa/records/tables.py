@@ -6,6 +6,7 @@ import fcntl
 import io
 import math
 import os
+import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -23,6 +24,7 @@ _NOTHING: Mapping[str, Any] = {}
 
 
 _ROWS_AT_A_TIME = 10_000
+_NETCDF = threading.Lock()
 
 
 def write_csv(
@@ -179,7 +181,8 @@ def write_netcdf(
     import netCDF4  # noqa: PLC0415  slow to import
 
     rows, first = next(iter(columns.items()))
-    with replacing(Path(path)) as temporary:
+    # The library is not safe in threads.
+    with _NETCDF, replacing(Path(path)) as temporary:
         try:
             with netCDF4.Dataset(temporary, "w") as file:
                 file.setncatts(attrs)
