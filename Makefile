@@ -53,6 +53,7 @@ coverage: $(VENV)/installed-dev
 	$(BIN)/python -m benchmarks.budget_coverage
 	$(BIN)/python -m benchmarks.twist_coverage
 	$(BIN)/python -m benchmarks.plan_agreement
+	$(BIN)/python -m benchmarks.fusion_coverage video no-video
 
 torture: $(VENV)/installed-dev
 	$(BIN)/python -m torture

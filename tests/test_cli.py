@@ -67,6 +67,7 @@ COMMANDS = {
     ),
     "convert": ('glint-aoa convert clip.avi --channels clip.tdms --offset "12.5 ms" --out points'),
     "correct": "glint-aoa correct point-01.h5 --setup glint-aoa.toml --out corrected",
+    "fuse": "glint-aoa fuse point-01.h5 --setup glint-aoa.toml --out fused",
     "benchmark": "glint-aoa benchmark points/*.h5 --setup glint-aoa.toml --out results",
     "benchmark inertial": "glint-aoa benchmark inertial --out results",
     "benchmark figures": (

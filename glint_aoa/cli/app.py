@@ -16,6 +16,7 @@ from glint_aoa.cli.convert import convert
 from glint_aoa.cli.correct import correct
 from glint_aoa.cli.demo import demo
 from glint_aoa.cli.doctor import doctor
+from glint_aoa.cli.fuse import fuse
 from glint_aoa.cli.init import init
 from glint_aoa.cli.inspect import inspect
 from glint_aoa.cli.live import live
@@ -53,6 +54,7 @@ app.command("batch", no_args_is_help=True)(batch)
 app.add_typer(calibrate.app, name="calibrate")
 app.command("convert", no_args_is_help=True)(convert)
 app.command("correct", no_args_is_help=True)(correct)
+app.command("fuse", no_args_is_help=True)(fuse)
 app.command("benchmark", cls=BenchmarkCommand, no_args_is_help=True)(benchmark)
 app.command("plan", no_args_is_help=True)(plan)
 app.command("report", no_args_is_help=True)(report)
