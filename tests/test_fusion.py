@@ -122,6 +122,7 @@ def test_modes_of_the_setup_give_their_numbers(point):
 
 
 def test_sources_are_consistent(fused):
+    assert not fused.flags.any()
     assert 0.5 < fused.consistency["optical"] < 1.5
     assert fused.consistency["package"] < 2.0
     assert fused.notes == []
@@ -212,6 +213,7 @@ def test_without_video_the_package_carries_the_angle(point):
 
 def test_one_accelerometer_a_plane_learns_its_radius(point):
     found = fuse(only(point.record, places="face"), point.optical())
+    assert np.all(found.flags & Flag.UNCERTAIN_CORRECTION)
     radii = {mode.plane: mode for mode in found.modes}
     assert radii["pitch"].radius_m == pytest.approx(30.2 * INCH, rel=0.02)
     assert radii["pitch"].radius_std_m < 0.02

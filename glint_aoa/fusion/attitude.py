@@ -208,6 +208,8 @@ def _flags(
         if plane is not None:
             flags[plane.signals.clipped] |= Flag.CLIPPED_CHANNEL
             flags[plane.signals.lost] |= Flag.GAP
+            if plane.signals.turns:  # modes that hardly move its one accelerometer stay unseen
+                flags |= Flag.UNCERTAIN_CORRECTION
     flags[~(std_deg <= _UNCERTAIN_DEG)] |= Flag.UNCERTAIN_CORRECTION
     few = fields is None or optical is None or 2 * fields.sample.size < optical.angle_deg.size
     if few:
