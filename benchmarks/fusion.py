@@ -33,6 +33,7 @@ Floats = NDArray[np.float64]
 
 _BAND_HZ = (4.0, 60.0)
 _FOG_S = (0.75, 3.75)
+_SAME = 1e-3  # deg: a field's truth is the mean over its exposure
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +99,10 @@ def hold(path: Path, setup: Setup, campaign: Campaign) -> Held:
     seconds = time.process_time() - started
     truth = true_pitch(campaign, path.stem, fused.time_s)
     error, good = fused.pitch_deg - truth, optical.good
-    alone = optical.angle_deg - read_truth(path)["pitch_deg"]
+    filmed = read_truth(path)["pitch_deg"]
+    if not np.allclose(filmed, true_pitch(campaign, path.stem, optical.time_s), rtol=0, atol=_SAME):
+        sys.exit(f"{path}: not simulated from this campaign as it is now; simulate it again")
+    alone = optical.angle_deg - filmed
     return Held(
         path.stem,
         fused,
