@@ -19,7 +19,14 @@ from typing import Any, Generic, Protocol, Self, TypeVar, cast
 
 from glint_aoa.errors import WorkerDiedError
 
-__all__ = ["Outcome", "Pool", "Workers", "available_bytes", "processors"]
+__all__ = [
+    "Outcome",
+    "Pool",
+    "Workers",
+    "available_bytes",
+    "deaf_to_interrupts",
+    "processors",
+]
 
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
@@ -227,7 +234,7 @@ class _Lane:
         self.peak: int | None = None
         self.is_dead = False
         self._function: Callable[[Any], Any] | None = None
-        with _deaf_to_interrupts():
+        with deaf_to_interrupts():
             self.process.start()
         theirs.close()
 
@@ -372,7 +379,7 @@ def processors() -> int:
 
 
 @contextlib.contextmanager
-def _deaf_to_interrupts() -> Iterator[None]:
+def deaf_to_interrupts() -> Iterator[None]:
     """Let processes that are started here ignore Ctrl-C, which is for the one that waits."""
     if threading.current_thread() is not threading.main_thread():
         yield

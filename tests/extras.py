@@ -8,7 +8,7 @@ import pytest
 
 
 def needs(*modules, programs=()):
-    """Skip the module that calls this where a library or program is missing; in CI, fail."""
+    """Skip the module or test that calls this where something is missing; in CI, fail."""
     missing = [name for name in modules if importlib.util.find_spec(name) is None]
     missing += [name for name in programs if shutil.which(name) is None]
     if not missing:

@@ -81,8 +81,8 @@ class Fed(Source):
         self.closed = True
 
 
-def until(true, *, patience_s=60.0):
-    """Wait until something is true; how long does not matter."""
+def until(true, *, patience_s=250.0):
+    """Wait until something is true; where nothing has been compiled yet, that takes minutes."""
     end = time.monotonic() + patience_s
     while not true():
         assert time.monotonic() < end, "it never came true"

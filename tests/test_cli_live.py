@@ -133,9 +133,8 @@ def test_a_file_triggers_and_names_the_point(program, recorded, later):
         (["run.h5", "--pre", "x"], '--pre x: expected a number of fields, or seconds as "0.5 s"'),
         (["run.h5", "--post", "0"], "--post 0: comes to 0 fields; give at least 1"),
         (
-            ["run.h5", "--http", "0", "--listen", "0.0.0.0"],
-            "--listen 0.0.0.0: others could trigger and look on; give a --token that every request "
-            "must show, or listen on 127.0.0.1",
+            ["run.h5", "--http", "0", "--listen", "tunnel-pc"],
+            "--listen is tunnel-pc; give an IP address of this machine, or 0.0.0.0 for all",
         ),
         (
             ["run.h5", "--udp", "x", "--no-readings"],

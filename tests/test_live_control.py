@@ -2,8 +2,10 @@
 
 import http.client
 import json
-import re
 import threading
+from contextlib import contextmanager
+from types import SimpleNamespace
+from urllib.parse import urlsplit
 
 import cv2
 import numpy as np
@@ -11,10 +13,11 @@ import pytest
 from live_fields import Fed, setup_of, some_fields, until
 
 from glint_aoa.errors import InputError
-from glint_aoa.live.control import Control, is_local
+from glint_aoa.live.control import Control
 from glint_aoa.live.session import PointLength, Session
 from glint_aoa.records.formats import open_fields
 
+TOKEN = "a-token-for-the-tests-only"
 READING_KEYS = {
     "index",
     "time_s",
@@ -37,8 +40,7 @@ class Asked:
 
     def __init__(self, session, source, control):
         self.session, self.source = session, source
-        self.host, port = control.url.removeprefix("http://").split(":")
-        self.port = int(port)
+        self.host, self.port = "127.0.0.1", urlsplit(control.url).port
 
     def __call__(self, method, path, body=None, *, host=None, **headers):
         connection = http.client.HTTPConnection(self.host, self.port, timeout=60)
@@ -58,22 +60,37 @@ class Asked:
 
 
 def session_with(out, **how):
-    fields = some_fields()
-    source = Fed(fields)
-
+    source = Fed(some_fields(30))
     return Session(source, setup_of(), out, length=lambda _: PointLength(4, 6), **how), source
 
 
-@pytest.fixture
-def asked(tmp_path, monkeypatch):
-    monkeypatch.setattr("glint_aoa.live.schooling.warm_up", lambda _: True)
-    session, source = session_with(tmp_path)
+@contextmanager
+def controlled(out):
+    """Run a session whose control is asked."""
+    session, source = session_with(out)
     thread = threading.Thread(target=session.run)
-    with Control(session, 0) as control:
+    with pytest.MonkeyPatch.context() as patch, Control(session, 0) as control:
+        patch.setattr("glint_aoa.live.schooling.warm_up", lambda _: True)
         thread.start()
         yield Asked(session, source, control)
         session.stop()
         thread.join()
+
+
+@pytest.fixture
+def asked(tmp_path):
+    with controlled(tmp_path) as asked:
+        yield asked
+
+
+@pytest.fixture(scope="module")
+def refusing(tmp_path_factory):
+    """A session with a field, of which nothing is asked that it would do."""
+    with controlled(tmp_path_factory.mktemp("refusing")) as asked:
+        asked.source.feed(0)
+        came(asked, 0)
+        yield asked
+        assert asked("GET", "/state")[1]["point"] is None
 
 
 def came(asked, number):
@@ -137,31 +154,41 @@ def test_a_point_is_triggered_and_marked(asked, tmp_path):
         ("POST", "/trigger", {"point": 7}, 400),
         ("POST", "/trigger", b"x" * 5000, 413),
         ("POST", "/trigger", {"point": "../../x"}, 409),
+        ("GET", "http://[", None, 400),
         ("DELETE", "/state", None, 501),
     ],
 )
-def test_what_makes_no_sense_is_refused(asked, method, path, body, status):
-    asked.source.feed(0)
-    came(asked, 0)
-    assert asked(method, path, body)[0] == status
-    assert asked("GET", "/state")[1]["point"] is None
+def test_what_makes_no_sense_is_refused(refusing, method, path, body, status):
+    assert refusing(method, path, body)[0] == status
+    assert refusing("GET", "/state")[1]["point"] is None
 
 
 @pytest.mark.parametrize(
-    "host", ["evil.example", "evil.example:8080", "", "[", "localhost.evil.example"]
+    "hosts",
+    [
+        ["evil.example"],
+        ["evil.example:{port}"],
+        [""],
+        ["["],
+        ["localhost.evil.example:{port}"],
+        ["127.0.0.1:1"],
+        [],
+        ["127.0.0.1:{port}", "evil.example:{port}"],
+    ],
 )
-def test_another_host_is_refused(asked, host):
-    connection = http.client.HTTPConnection(asked.host, asked.port, timeout=60)
+def test_another_host_is_refused(refusing, hosts):
+    connection = http.client.HTTPConnection(refusing.host, refusing.port, timeout=60)
     connection.putrequest("GET", "/state", skip_host=True)
-    connection.putheader("Host", host)
+    for host in hosts:
+        connection.putheader("Host", host.format(port=refusing.port))
     connection.endheaders()
     assert connection.getresponse().status == 403
     connection.close()
 
 
-def test_names_of_this_machine_are_known(asked):
-    for host in ("localhost", f"localhost:{asked.port}", "127.0.0.1", "[::1]:9"):
-        assert asked("GET", "/state", host=host)[0] == 200
+def test_names_of_this_machine_are_known(refusing):
+    for host in ("localhost", "127.0.0.1", "[::1]"):
+        assert refusing("GET", "/state", host=f"{host}:{refusing.port}")[0] == 200
 
 
 def test_a_page_of_another_origin_cannot_trigger(asked):
@@ -176,15 +203,16 @@ def test_a_page_of_another_origin_cannot_trigger(asked):
 
 def test_a_token_must_be_shown(tmp_path):
     session, source = session_with(tmp_path)
-    with Control(session, 0, token="secret") as control:
+    with Control(session, 0, token=TOKEN) as control:
         asked = Asked(session, source, control)
+        assert control.url.endswith(f"/?token={TOKEN}")
         for path, headers, status in (
             ("/state", {}, 401),
-            ("/state?token=secre", {}, 401),
-            ("/state?token=secret", {}, 200),
-            ("/state", {"Authorization": "Bearer secret"}, 200),
-            ("/state", {"Authorization": "Bearer secret2"}, 401),
-            ("/state", {"Authorization": "Basic secret"}, 401),
+            (f"/state?token={TOKEN[:-1]}", {}, 401),
+            (f"/state?token={TOKEN}", {}, 200),
+            ("/state", {"Authorization": f"Bearer {TOKEN}"}, 200),
+            ("/state", {"Authorization": f"Bearer {TOKEN}2"}, 401),
+            ("/state", {"Authorization": f"Basic {TOKEN}"}, 401),
             ("/field.png", {}, 401),
             ("/nothing", {}, 401),
         ):
@@ -193,44 +221,42 @@ def test_a_token_must_be_shown(tmp_path):
 
 
 def test_others_are_let_in_with_a_token_only(tmp_path):
-    session, _ = session_with(tmp_path)
-    expected = "--listen 0.0.0.0: others could trigger and look on; give a --token"
-    for token in (None, ""):
-        with pytest.raises(InputError, match=f"^{re.escape(expected)}"):
-            Control(session, 0, address="0.0.0.0", token=token)
-    with Control(session, 0, address="0.0.0.0", token="t") as control:
-        assert control.url.startswith("http://0.0.0.0:")
+    session, source = session_with(tmp_path)
+    with Control(session, 0, address="0.0.0.0") as control:
+        asked = Asked(session, source, control)
+        token = control.url.partition("?token=")[2]
+        assert len(token) >= 32
+        assert asked("GET", "/state")[0] == 401
+        assert asked("GET", "/state", Authorization=f"Bearer {token}")[0] == 200
+    with pytest.raises(InputError, match=r"^--token must be 16 or more letters, digits, - and _"):
+        Control(session, 0, address="0.0.0.0", token="t")
+
+
+def test_before_the_first_field_nothing_is_triggered_or_marked(tmp_path):
+    session, source = session_with(tmp_path)
+    with Control(session, 0) as control:
+        asked = Asked(session, source, control)
+        for path, what in (("trigger", "trigger"), ("shaker-off", "mark the shaker off")):
+            status, answer, _ = asked("POST", f"/{path}")
+            assert status == 409
+            assert answer["error"] == f"no field comes yet; {what} while the source runs"
 
 
 def test_a_port_that_is_taken_is_named(tmp_path):
     session, _ = session_with(tmp_path)
     with Control(session, 0) as control:
-        port = int(control.url.rpartition(":")[2])
+        port = urlsplit(control.url).port
         with pytest.raises(InputError, match=f"^--http {port}: cannot listen on 127.0.0.1"):
             Control(session, port)
 
 
-def test_local_addresses():
-    assert [is_local(each) for each in ("localhost", "127.0.0.1", "127.8.8.8", "::1")] == [True] * 4
-    assert [is_local(each) for each in ("0.0.0.0", "::", "192.168.0.7", "tunnel")] == [False] * 4
-
-
-def test_sixteen_bits_are_shown_in_eight(tmp_path, monkeypatch):
-    monkeypatch.setattr("glint_aoa.live.schooling.warm_up", lambda _: True)
-
-    fields = some_fields(30, dtype=np.uint16, white=4095, peak=2700.0, black=160.0)
-    source = Fed(fields)
-    source.white_level = 4095
-    session = Session(source, setup_of(), tmp_path, length=lambda _: PointLength(1, 1))
-    thread = threading.Thread(target=session.run)
+def test_sixteen_bits_are_shown_in_eight():
+    field = some_fields(1, dtype=np.uint16, white=4095, peak=2700.0, black=160.0)[0]
+    source = SimpleNamespace(white_level=4095)
+    session = SimpleNamespace(source=source, newest_field=lambda: (7, field))
     with Control(session, 0) as control:
-        thread.start()
-        asked = Asked(session, source, control)
-        source.feed(0)
-        came(asked, 0)
-        png = asked("GET", "/field.png")[1]
-        session.stop()
-        thread.join()
+        _, png, headers = Asked(session, source, control)("GET", "/field.png")
     picture = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_UNCHANGED)
+    assert headers["X-Field-Index"] == "7"
     assert picture.dtype == np.uint8
-    np.testing.assert_allclose(picture, fields[0] * (255 / 4095), atol=1)
+    np.testing.assert_allclose(picture, field * (255 / 4095), atol=1)

@@ -9,6 +9,7 @@ import threading
 from dataclasses import replace
 
 import pytest
+from extras import needs
 from live_fields import until
 
 from glint_aoa.errors import InputError
@@ -123,13 +124,6 @@ def test_a_host_that_is_not_known_is_refused():
         UdpSender("no.such.host.invalid:5")
 
 
-def needs_p4p():
-    if os.environ.get("GLINT_AOA_CI") == "1":
-        import p4p  # noqa: F401
-    else:
-        pytest.importorskip("p4p", reason="the extra epics is not installed")
-
-
 @pytest.mark.parametrize(
     ("changed", "severity", "message"),
     [
@@ -149,7 +143,7 @@ def test_alarms_follow_flags_and_uncertainty(changed, severity, message):
 
 
 def test_a_client_gets_and_monitors_the_angle():
-    needs_p4p()
+    needs("p4p")
     from p4p.client.thread import Context
 
     from glint_aoa.live.outputs.epics import EpicsSender

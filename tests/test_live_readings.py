@@ -2,6 +2,8 @@
 
 import json
 import math
+import os
+import signal
 
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ from live_fields import angle_deg, info_of, setup_of, some_fields
 
 from calibration.sweep.fit import fit_sweep
 from glint_aoa.flags import Flag
-from glint_aoa.live.learning import Lesson, learn, learn_stack, sample_numbers
+from glint_aoa.live.learning import Learner, Lesson, learn, learn_stack, sample_numbers
 from glint_aoa.live.readings import Measurer, Reading
 from glint_aoa.process import measure_point
 from glint_aoa.records.fields import FieldStack
@@ -49,6 +51,17 @@ def test_one_field_at_a_time_is_as_good_as_all_together(fields):
         expected = result.values[name]
         np.testing.assert_array_equal([getattr(r, name) for r in single], expected)
         np.testing.assert_array_equal([getattr(r, name) for r in block], expected)
+
+
+def test_an_interrupt_leaves_the_process_that_learns_alone(fields):
+    setup = setup_of()
+    recording = resolve_recording(FieldStack.from_array(fields, info_of()), setup)
+    learner = Learner()
+    going = learner.warm_up(Lesson(fields[:2, :2, :2], np.arange(2), 255, setup, recording))
+    (process,) = learner._pool._processes
+    os.kill(process, signal.SIGINT)
+    assert going.result(timeout=250) is False  # it cannot be learnt from, but has been tried
+    learner.close()
 
 
 def test_the_interval_is_that_of_noise_and_what_fields_share(fields):

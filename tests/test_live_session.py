@@ -1,7 +1,10 @@
 """A live session: which fields make a point, what is lost, and that process measures the same."""
 
+import gc
 import re
 import threading
+from concurrent.futures import Future
+from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -19,11 +22,13 @@ from live_fields import (
 
 from glint_aoa.errors import InputError, OutputError, RecordingError, SetupError
 from glint_aoa.flags import Flag
+from glint_aoa.live.schooling import Schooling
 from glint_aoa.live.session import PointLength, Session
 from glint_aoa.live.sources import Replay
 from glint_aoa.process import measure_point
 from glint_aoa.records.fields import FieldStack
 from glint_aoa.records.formats import open_fields
+from glint_aoa.records.recording import resolve_recording
 
 
 @pytest.fixture(autouse=True)
@@ -330,6 +335,73 @@ def test_shaker_off_is_marked_in_the_point_or_the_next(fields, tmp_path):
         assert file["meta"].attrs["shaker_off_s"] >= 0.0
 
 
+def test_the_shaker_is_off_from_the_first_mark_on(fields, tmp_path):
+    source = Fed(fields)
+    with running(source, tmp_path, pre=1, post=2) as session:
+        source.feed(0)
+        came(session, 0)
+        session.mark_shaker_off()
+        session.trigger("a")
+        session.mark_shaker_off()
+        source.feed(1, 2)
+        until((tmp_path / "a.h5").exists)
+    with h5py.File(tmp_path / "a.h5") as file:
+        assert file["meta"].attrs["shaker_off_s"] == 0.0
+
+
+def test_a_lesson_waits_for_the_end_of_the_point(fields, tmp_path):
+    source = Fed(fields)
+    with running(source, tmp_path, pre=1, post=4) as session:
+        source.feed(0)
+        came(session, 0)
+        pipeline = session._pipeline
+        schooling = Schooling(
+            source,
+            setup_of(),
+            resolve_recording(source.stack, setup_of()),
+            teacher=None,
+            relearn_s=0.0,
+            sweep=None,
+            temperature_k=None,
+            tell=print,
+        )
+        before = pipeline.measurer.learnt
+        schooling._lesson = Future()
+        schooling._lesson.set_result(replace(before, found=True))
+        schooling.attend(pipeline, busy=True)
+        assert pipeline.measurer.learnt is before
+        schooling.attend(pipeline, busy=False)
+        assert pipeline.measurer.learnt is not before
+
+
+def test_a_trigger_at_the_very_end_is_written_or_refused(fields, tmp_path, monkeypatch):
+    """The end comes while a trigger is at work: its point is waited for."""
+    from glint_aoa.live import recorders
+
+    source, at_work, may = Fed(fields), threading.Event(), threading.Event()
+    free_name = recorders.free_name
+
+    def slowly(*what):
+        at_work.set()
+        may.wait()
+        return free_name(*what)
+
+    monkeypatch.setattr(recorders, "free_name", slowly)
+    with running(source, tmp_path, pre=3, post=5) as session:
+        source.feed(*range(8))
+        came(session, 7)
+        trigger = threading.Thread(target=session.trigger)
+        trigger.start()
+        at_work.wait()
+        source.end()
+        until(session._pipeline.ended.is_set)
+        assert session.thread.is_alive()
+        may.set()
+        trigger.join()
+        session.thread.join()
+    assert len(open_fields(tmp_path / "live-0001.h5")) == 3
+
+
 def test_a_source_that_breaks_off_says_so_and_the_point_is_saved(fields, tmp_path):
     source = Fed(fields)
     with running(source, tmp_path, pre=3, post=50) as session:
@@ -342,6 +414,14 @@ def test_a_source_that_breaks_off_says_so_and_the_point_is_saved(fields, tmp_pat
     assert len(open_fields(tmp_path / "a.h5")) == 3
 
 
+def test_what_was_kept_from_the_collector_is_given_back(fields, tmp_path):
+    with running(Fed(fields), tmp_path) as session:
+        until(lambda: gc.get_freeze_count() > 0)
+        session.stop()
+        session.thread.join()
+    assert gc.get_freeze_count() == 0
+
+
 def test_source_and_setup_that_differ_are_refused(fields, tmp_path):
     source = Fed(fields)
     setup = setup_of(fields={"rate": "50 Hz"})
@@ -351,11 +431,17 @@ def test_source_and_setup_that_differ_are_refused(fields, tmp_path):
     assert source.closed
 
 
-def test_a_ring_beyond_memory_is_refused(fields, tmp_path):
-    session = Session(
-        Fed(fields), setup_of(), tmp_path, length=lambda _: PointLength(10_000_000, 1)
-    )
-    with pytest.raises(InputError, match=r"^--pre: a ring of 10000240 fields takes 240.0 GB"):
+@pytest.mark.parametrize(
+    ("pre", "post", "expected"),
+    [
+        (80_000, 1, "--pre: a ring of 80240 fields takes 1.9 GB of memory; give fewer fields"),
+        (1, 80_200, "--post: a point of 80201 fields takes 1.9 GB of memory; give fewer fields"),
+    ],
+)
+def test_what_is_beyond_memory_is_refused(pre, post, expected, fields, tmp_path, monkeypatch):
+    monkeypatch.setattr("glint_aoa.live.session._MOST_BYTES", 1_923_000_000)
+    session = Session(Fed(fields), setup_of(), tmp_path, length=lambda _: PointLength(pre, post))
+    with pytest.raises(InputError, match=f"^{re.escape(expected)}$"):
         session.run()
 
 

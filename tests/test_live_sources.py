@@ -13,6 +13,7 @@ from live_fields import SHAPE, info_of, some_fields, until
 
 from glint_aoa.cli._live_sources import open_source
 from glint_aoa.errors import RecordingError
+from glint_aoa.live import folder
 from glint_aoa.live.camera import Camera, split_frame
 from glint_aoa.live.folder import Folder
 from glint_aoa.live.learning import learn_stack
@@ -205,6 +206,30 @@ def test_pictures_are_taken_as_they_appear(tmp_path):
     ]
 
 
+def test_a_file_whose_writer_pauses_is_taken_once_it_is_whole(tmp_path, monkeypatch):
+    monkeypatch.setattr("glint_aoa.live.folder._YOUNG_S", 250.0)
+    (field,) = some_fields(1)
+    content = bytes(cv2.imencode(".png", field)[1])
+    tried, read = threading.Event(), folder._read
+
+    def noted(*what):
+        try:
+            return read(*what)
+        finally:
+            tried.set()
+
+    monkeypatch.setattr(folder, "_read", noted)
+    with Watched(tmp_path, rate="50 Hz") as watched, (tmp_path / "a.png").open("wb") as file:
+        file.write(content[:300])
+        file.flush()
+        assert tried.wait(250)
+        file.write(content[300:])
+        file.flush()
+        until(lambda: watched.came)
+    np.testing.assert_array_equal(watched.came[0][1], field)
+    assert watched.told == []
+
+
 def test_files_of_fields_are_taken_whole(tmp_path):
     fields = some_fields(6)
     with Watched(tmp_path, rate="60 Hz") as watched:
@@ -236,7 +261,8 @@ def test_what_is_not_there_is_named(what, expected):
         open_source(what, Setup(), print)
 
 
-def test_the_simulator_has_a_truth_and_the_live_angle_holds_it():
+def test_the_simulator_has_a_truth_and_the_live_angle_holds_it(monkeypatch):
+    monkeypatch.setattr("glint_aoa.cli._live_sources._AHEAD_S", 0.25)  # films no more than is used
     shipped = load_setup(ROOT / "glint_aoa" / "data" / "paper-test.toml")
     setup = shipped.model_copy(update={"calibration": type(shipped.calibration)()})
     source = open_source("sim:paper", setup, print)

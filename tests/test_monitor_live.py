@@ -3,6 +3,7 @@
 import importlib
 import re
 
+import cv2
 import numpy as np
 import pytest
 from extras import needs
@@ -79,9 +80,10 @@ def test_the_token_is_shown_and_a_wrong_one_is_told(monkeypatch):
     monkeypatch.setenv("HTTP_PROXY", "http://127.0.0.1:9")  # never asked
     stub = LiveStub(token="known")
     right, wrong = LiveClient(stub.url, token="known"), LiveClient(stub.url, token="other")
-    right.ask()
-    wrong.ask()
-    assert right.view().problem == ""
+    printed = LiveClient(f"{stub.url}/?token=known")
+    for each in (right, wrong, printed):
+        each.ask()
+    assert right.view().problem == printed.view().problem == ""
     assert wrong.view().problem == f"{stub.url}/state: refused; check --live-token"
     with pytest.raises(InputError, match="/trigger: refused; check --live-token"):
         wrong.trigger()
@@ -101,6 +103,18 @@ def test_a_session_that_has_gone_is_told_and_its_last_words_stay(stub):
         client.trigger()
 
 
+def test_a_picture_that_cannot_be_unpacked_is_told(stub, monkeypatch):
+    def refuse(*_):
+        raise cv2.error("too large")
+
+    monkeypatch.setattr(cv2, "imdecode", refuse)
+    client = LiveClient(stub.url)
+    client.ask()
+    assert client.view().problem == (
+        f"{stub.url}: the answer is none of glint-aoa live; check --live"
+    )
+
+
 @pytest.mark.parametrize(
     "said", [{"reading": {"index": "x"}}, {"reading": {}}, {"reading": {"index": float("inf")}}]
 )
@@ -115,7 +129,15 @@ def test_a_server_that_speaks_otherwise_is_told(stub, said):
 
 @pytest.mark.parametrize(
     "url",
-    ["127.0.0.1:8765", "file:///etc", "http://", "http://h:99999", "http://h/live", "http://u@h"],
+    [
+        "127.0.0.1:8765",
+        "file:///etc",
+        "http://",
+        "http://h:99999",
+        "http://h/live",
+        "http://h/?x=1",
+        "http://u@h",
+    ],
 )
 def test_an_address_of_no_server_is_refused(url):
     sentence = f"--live is {url}; give the address of glint-aoa live, such as http://127.0.0.1:8765"

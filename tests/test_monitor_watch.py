@@ -213,6 +213,25 @@ def test_points_stay_when_their_files_go(folder, watch, clock):
     assert [row.name for row in watch.rows()] == ["a.npy"]
 
 
+@pytest.mark.parametrize("may_heal", [True, False])
+def test_a_point_whose_file_goes_while_it_is_measured_is_forgotten(may_heal, folder, watch, clock):
+    for name in ("a.npy", "b.npy"):
+        put(folder / name, at=START - 60)
+    look(watch, clock)
+    for name in ("a.npy", "b.npy"):
+        (folder / name).unlink()
+    look(watch, clock)
+    watch.measured(folder / "a.npy", {"mean_angle_deg": "2.5"})
+    watch.failed(folder / "b.npy", "it has gone", may_heal=may_heal)
+    assert watch.rows() == []
+
+
+def test_a_link_that_leads_round_in_a_circle_is_left_to_whoever_opens_it(folder, watch, clock):
+    (folder / "a.npy").symlink_to("a.npy")
+    clock.seconds = max(0.0, (folder / "a.npy").lstat().st_mtime - START) + 5.0
+    assert look(watch, clock) == [("a.npy", False)]
+
+
 def test_a_folder_that_goes_away_is_told_until_it_is_back(folder, watch, clock):
     folder.rmdir()
     look(watch, clock)

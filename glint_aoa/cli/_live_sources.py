@@ -18,6 +18,7 @@ from glint_aoa.errors import GlintError, RecordingError
 from glint_aoa.live.sources import Arrival, Replay, Source, pause_until
 from glint_aoa.records.fields import FieldInfo
 from glint_aoa.setup import Setup
+from glint_aoa.workers import deaf_to_interrupts
 
 __all__ = ["Simulated", "open_source"]
 
@@ -127,7 +128,8 @@ class Simulated(Source):
         self._process = fresh.Process(
             target=_render, args=(name, point.name, self._blocks, self._over), daemon=True
         )
-        self._process.start()
+        with deaf_to_interrupts():
+            self._process.start()
 
     def ready(self, stop: threading.Event) -> bool:
         """Wait until the film is some seconds ahead."""

@@ -80,12 +80,15 @@ def live(
         typer.Option(min=0, max=65535, metavar="PORT", help="Serve state, readings and trigger."),
     ] = None,
     listen: Annotated[
-        str, typer.Option(metavar="ADDRESS", help="Where --http listens.")
+        str,
+        typer.Option(metavar="ADDRESS", help="IP address of --http; 0.0.0.0 for all networks."),
     ] = "127.0.0.1",
     token: Annotated[
         str | None,
         typer.Option(
-            envvar="GLINT_AOA_TOKEN", metavar="TOKEN", help="What requests to --http must show."
+            envvar="GLINT_AOA_TOKEN",
+            metavar="TOKEN",
+            help="What requests to --http must show; made up if not given, unless on localhost.",
         ),
     ] = None,
     readings: Annotated[

@@ -1,11 +1,10 @@
 """The session's control over HTTP: state, readings, newest field, trigger."""
 
 import dataclasses
-import hmac
-import ipaddress
 import json
 import math
 import socket
+import socketserver
 import threading
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -15,25 +14,15 @@ from urllib.parse import parse_qs, urlsplit
 import numpy as np
 from numpy.typing import NDArray
 
+from glint_aoa.access import Access
 from glint_aoa.errors import GlintError, InputError
 from glint_aoa.live.session import Session, State
 
-__all__ = ["Control", "is_local", "state_as_json"]
+__all__ = ["Control", "state_as_json"]
 
-_LOCAL = ("localhost", "127.0.0.1", "::1")
 _MOST_BODY = 4096
 _MOST_READINGS = 10_000
 _PATIENCE_S = 10.0  # with a client that has connected and says nothing
-
-
-def is_local(address: str) -> bool:
-    """Return whether only this machine reaches an address."""
-    if address == "localhost":
-        return True
-    try:
-        return ipaddress.ip_address(address).is_loopback
-    except ValueError:
-        return False
 
 
 class Control:
@@ -46,26 +35,23 @@ class Control:
     port : int
         Port to listen on; 0 takes a free one.
     address : str, optional
-        Address to listen on.
+        IP address to listen on.
     token : str, optional
-        What every request must show, as ``Authorization: Bearer`` or as ``?token=``.
+        What every request must show, as ``Authorization: Bearer`` or as ``?token=``; made up if
+        none is given and others could reach the address.
 
     Raises
     ------
     InputError
-        If others could reach the address and there is no token, or the port cannot be had.
+        As for `glint_aoa.access.Access.of`, or if the port cannot be had.
     """
 
     def __init__(
         self, session: Session, port: int, *, address: str = "127.0.0.1", token: str | None = None
     ) -> None:
-        if not token and not is_local(address):
-            raise InputError(
-                f"--listen {address}: others could trigger and look on; give a --token that every "
-                "request must show, or listen on 127.0.0.1"
-            )
+        access = Access.of(address, port, token)
         try:
-            self._server = _Server(session, (address, port), token)
+            self._server = _Server(session, access)
         except (OSError, OverflowError) as error:
             raise InputError(
                 f"--http {port}: cannot listen on {address} ({error}); give another port or address"
@@ -76,9 +62,8 @@ class Control:
 
     @property
     def url(self) -> str:
-        """Where it listens."""
-        host, port = self._server.server_address[:2]
-        return f"http://[{host!s}]:{port}" if ":" in str(host) else f"http://{host!s}:{port}"
+        """Where it listens, with the token."""
+        return self._server.access.url
 
     def __enter__(self) -> "Control":
         """Begin to serve."""
@@ -95,31 +80,19 @@ class Control:
 class _Server(ThreadingHTTPServer):
     daemon_threads = True
 
-    def __init__(self, session: Session, address: tuple[str, int], token: str | None) -> None:
-        self.session, self.token = session, token
-        self.address_family = socket.AF_INET6 if ":" in address[0] else socket.AF_INET
-        super().__init__(address, _Handler)
-        self._own = {*_LOCAL, address[0].lower(), socket.gethostname().lower()}
+    def __init__(self, session: Session, access: Access) -> None:
+        self.session = session
+        self.address_family = socket.AF_INET6 if ":" in access.address else socket.AF_INET
+        super().__init__((access.address, access.port), _Handler)
+        self.access = access.at(self.server_port)
+
+    def server_bind(self) -> None:
+        """Bind without asking for the machine's name, which can take seconds."""
+        socketserver.TCPServer.server_bind(self)
+        self.server_port = self.server_address[1]
 
     def handle_error(self, *_: object) -> None:
         """Stay silent: a client that left is no news."""
-
-    def knows(self, host: str) -> bool:
-        """Whether a request meant this machine: a name that somebody else made point here did not.
-
-        A page of another origin can have its own name resolve to this address, but not show a
-        number or a name of ours as the host.
-        """
-        name = urlsplit(f"//{host}").hostname
-        if name is None:
-            return False
-        if name.lower() in self._own:
-            return True
-        try:
-            ipaddress.ip_address(name)
-        except ValueError:
-            return False
-        return True
 
 
 class _Refused(Exception):  # noqa: N818  an answer rather than an error
@@ -147,8 +120,6 @@ class _Handler(BaseHTTPRequestHandler):
         """Stay silent: the terminal shows the session."""
 
     def _answer(self, known: dict[str, Any]) -> None:
-        self._url = urlsplit(self.path)
-        self._query = parse_qs(self._url.query)
         try:
             self._check()
             known.get(self._url.path, self._unknown)()
@@ -158,25 +129,28 @@ class _Handler(BaseHTTPRequestHandler):
             self._send_json({"error": str(error)}, HTTPStatus.CONFLICT)
 
     def _check(self) -> None:
-        host, origin = self.headers.get("Host", ""), self.headers.get("Origin")
+        access, headers = self.server.access, self.headers
         try:
-            known = self.server.knows(host)
+            self._url = urlsplit(self.path)
+            self._query = parse_qs(self._url.query)
         except ValueError:
-            known = False
-        if not known:
-            raise _Refused(HTTPStatus.FORBIDDEN, "the request was meant for another host")
-        if origin is not None and origin != f"http://{host}":
+            raise _Refused(HTTPStatus.BAD_REQUEST, "the request names no page") from None
+        hosts, origins = headers.get_all("Host", []), headers.get_all("Origin", [])
+        if len(hosts) != 1 or not access.knows_host(hosts[0]):
+            raise _Refused(
+                HTTPStatus.FORBIDDEN,
+                "the request was meant for another host; ask for the address that the session told",
+            )
+        if not all(access.knows_origin(each, hosts[0]) for each in origins):
             raise _Refused(HTTPStatus.FORBIDDEN, "the request comes from another page")
-        if self.server.token and not hmac.compare_digest(
-            self._shown_token().encode(), self.server.token.encode()
-        ):
+        if not access.knows_token(self._shown_token()):
             raise _Refused(HTTPStatus.UNAUTHORIZED, "show the token that the session was given")
 
-    def _shown_token(self) -> str:
+    def _shown_token(self) -> str | None:
         kind, _, token = self.headers.get("Authorization", "").partition(" ")
         if kind.lower() == "bearer":
-            return token.strip()
-        return self._query.get("token", [""])[0]
+            return str(token.strip())
+        return self._query.get("token", [None])[0]
 
     def _unknown(self) -> None:
         raise _Refused(HTTPStatus.NOT_FOUND, f"{self._url.path} is not known here")
@@ -217,7 +191,7 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _body(self) -> dict[str, Any]:
         text = self.headers.get("Content-Length", "0")
-        if not text.isdigit() or int(text) > _MOST_BODY:
+        if not text.isdecimal() or int(text) > _MOST_BODY:
             raise _Refused(
                 HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"a body of up to {_MOST_BODY} bytes is read"
             )

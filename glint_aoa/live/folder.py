@@ -20,6 +20,7 @@ from glint_aoa.setup import Fields
 __all__ = ["Folder"]
 
 _POLL_S = 0.02
+_YOUNG_S = 1.0  # a file that cannot be read and changed so lately may yet become whole
 _PICTURES = {".png"}
 
 
@@ -27,8 +28,9 @@ class Folder(Source):
     """Fields of the files that appear in a folder: pictures of one field, or whole recordings.
 
     A file is taken once its size has stayed the same from one look to the next, in the order of
-    the numbers in their names. Fields have no clock: they are taken to follow each other at the
-    setup's rate. What was there before is left out.
+    the numbers in their names; one that cannot be read is tried again for a second. Fields
+    have no clock: they are taken to follow each other at the setup's rate. What was there before
+    is left out.
 
     Parameters
     ----------
@@ -91,7 +93,10 @@ class Folder(Source):
                     read = _read(path, self._stated)
                     self._check(path, read[0])
                 except GlintError as error:
-                    self._tell(str(error))
+                    if _is_young(path):
+                        self._seen.discard(path.name)
+                    else:
+                        self._tell(str(error))
                     continue
                 yield read
 
@@ -126,6 +131,13 @@ def _size(path: Path) -> int:
         return path.stat().st_size
     except OSError:
         return 0
+
+
+def _is_young(path: Path) -> bool:
+    try:
+        return abs(time.time() - path.stat().st_mtime) < _YOUNG_S
+    except OSError:
+        return False
 
 
 def _by_number(path: Path) -> list[tuple[str, int]]:

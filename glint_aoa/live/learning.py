@@ -28,6 +28,7 @@ from glint_aoa.optical.sequence import check_sequence
 from glint_aoa.records.fields import FieldInfo, FieldStack
 from glint_aoa.records.recording import Recording
 from glint_aoa.setup import Setup
+from glint_aoa.workers import deaf_to_interrupts
 
 __all__ = ["Learner", "Learnt", "Lesson", "learn", "learn_stack", "sample_numbers", "warm_up"]
 
@@ -268,7 +269,8 @@ class Learner:
 
     def warm_up(self, lesson: Lesson) -> "Future[bool]":
         """Have everything compiled and loaded over there; see `warm_up`."""
-        return self._pool.submit(warm_up, lesson)
+        with deaf_to_interrupts():  # the process begins here, long before its initializer runs
+            return self._pool.submit(warm_up, lesson)
 
     def learn(self, lesson: Lesson) -> "Future[Learnt]":
         """Learn over there; see `learn`."""

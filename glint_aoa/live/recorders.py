@@ -106,10 +106,9 @@ class Recorders:
         with self._lock:
             if self._ring.newest < 0 or self._ended.is_set():
                 raise InputError("no field comes; trigger while the source runs")
-            if self.current is not None:
-                raise InputError(
-                    f"point {self.current.name} is being recorded; trigger again after it"
-                )
+            current = self.current
+            if current is not None:
+                raise InputError(f"point {current.name} is being recorded; trigger again after it")
             self._check_room()
             point = self._point(self._named(name))
             self.last = point
@@ -121,21 +120,26 @@ class Recorders:
         return point.name
 
     def mark_shaker_off(self) -> None:
-        """Mark the shaker as off now; from the trigger of the next point on if none is recorded."""
+        """Mark the shaker as off now; from the trigger of the next point on if none is recorded.
+
+        It is off from the first mark on: a second one in the same point changes nothing.
+        """
         with self._lock:
             point = self.current
             if point is None:
                 self._shaker_off = True
-            else:
+            elif point.shaker_off_s is None:
                 since = datetime.datetime.now(datetime.UTC) - point.trigger_time
                 point.shaker_off_s = round(since.total_seconds(), 3)
 
     def finish(self) -> list[OutputError]:
         """Wait until all points are written; return why some could not be."""
         self._hurry.set()
-        for thread in self._threads:
+        with self._lock:  # a trigger that came in time has its thread; those after it are refused
+            threads = list(self._threads)
+        for thread in threads:
             thread.join()
-        return [thread.error for thread in self._threads if thread.error is not None]
+        return [thread.error for thread in threads if thread.error is not None]
 
     def _named(self, name: str | None) -> str:
         if name is None:

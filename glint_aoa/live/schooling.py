@@ -91,7 +91,8 @@ class Schooling:
         pipeline : Pipeline
             What learns.
         busy : bool
-            Whether a point is being recorded: its fields are all measured alike.
+            Whether a point is being recorded: its fields are all measured alike, so that a lesson
+            waits for its end.
 
         Raises
         ------
@@ -99,7 +100,8 @@ class Schooling:
             If the first lesson shows that nothing can be measured.
         """
         if self._lesson is not None:
-            if self._lesson.done():
+            is_kept = busy and pipeline.measurer is not None
+            if self._lesson.done() and not is_kept:
                 self._take_in(pipeline, self._lesson)
                 self._lesson = None
         elif self._learner is not None and self._is_due(pipeline, busy=busy):

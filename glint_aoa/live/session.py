@@ -28,7 +28,7 @@ from glint_aoa.setup import Setup
 __all__ = ["PointLength", "Session", "State"]
 
 _SLACK_S, _LEAST_SLACK = 4.0, 128  # that measurement and recording may fall behind
-_MOST_RING_BYTES = 2 << 30
+_MOST_BYTES = 2 << 30  # of a ring, or of a point
 _KEPT = 1024  # readings
 _TICK_S = 0.05
 _PRIORITY = 10  # of 1 to 99, above all that is not real-time
@@ -148,9 +148,16 @@ class Session:
         return self._recorders.trigger(name)
 
     def mark_shaker_off(self) -> None:
-        """Mark the shaker as off: now in the point that is recorded, else all through the next."""
-        if self._recorders is not None:
-            self._recorders.mark_shaker_off()
+        """Mark the shaker as off: now in the point that is recorded, else all through the next.
+
+        Raises
+        ------
+        InputError
+            If no field has been waited for yet, so that no point is next.
+        """
+        if self._recorders is None:
+            raise InputError("no field comes yet; mark the shaker off while the source runs")
+        self._recorders.mark_shaker_off()
 
     def state(self) -> State:
         """Return how the session stands."""
@@ -227,6 +234,7 @@ class Session:
             pipeline.join()
             schooling.close()
             errors += [*pipeline.errors, *recorders.finish()]
+            gc.unfreeze()
             tick()
         return errors
 
@@ -255,6 +263,7 @@ class Session:
             temperature_k=self._temperature_k,
             tell=self._tell,
         )
+        self._check_memory("--post: a point", length.pre + length.post)
         ring = self._ring(max(length.pre, schooling.span))
         pipeline = Pipeline(
             source,
@@ -284,12 +293,14 @@ class Session:
 
     def _ring(self, behind: int) -> FieldRing:
         """Ring of so many fields and those that may come while others are busy."""
-        source = self.source
         capacity = behind + max(_LEAST_SLACK, round(_SLACK_S * self.rate_hz))
-        n_bytes = capacity * int(np.prod(source.shape)) * source.dtype.itemsize
-        if n_bytes > _MOST_RING_BYTES:
+        self._check_memory("--pre: a ring", capacity)
+        return FieldRing(capacity, self.source.shape, self.source.dtype)
+
+    def _check_memory(self, what: str, n_fields: int) -> None:
+        n_bytes = n_fields * int(np.prod(self.source.shape)) * self.source.dtype.itemsize
+        if n_bytes > _MOST_BYTES:
             raise InputError(
-                f"--pre: a ring of {capacity} fields takes {n_bytes / 1e9:.1f} GB of memory; "
-                "give fewer fields before the trigger"
+                f"{what} of {n_fields} fields takes {n_bytes / 1e9:.1f} GB of memory; "
+                "give fewer fields"
             )
-        return FieldRing(capacity, source.shape, source.dtype)

@@ -53,7 +53,7 @@ class Trigger(ABC):
 class FileTrigger(Trigger):
     """Triggers when a file appears, and takes the file away.
 
-    Its first line names the point; an empty file leaves the name to the session.
+    Its first line names the point; a file that stays empty leaves the name to the session.
     """
 
     def __init__(self, session: Session, path: Path, tell: Callable[[str], None]) -> None:
@@ -61,10 +61,15 @@ class FileTrigger(Trigger):
         self._session, self._path, self._tell = session, path, tell
 
     def _watch(self) -> None:
+        was_empty = False
         while not self._over.wait(_POLL_S):
             try:
-                with self._path.open("rb") as file:
+                with open(self._path, "rb", opener=_never_waiting) as file:
                     head = file.read(_MOST_NAME)
+                if not head and not was_empty:
+                    was_empty = True  # its name may be on the way
+                    continue
+                was_empty = False
                 self._path.unlink()
             except FileNotFoundError:
                 continue
@@ -73,6 +78,11 @@ class FileTrigger(Trigger):
                 return
             name = head.decode("utf-8", "replace").strip().split("\n")[0].strip()
             try_trigger(self._session, self._tell, name or None)
+
+
+def _never_waiting(path: str, flags: int) -> int:
+    """Open a file; a named pipe without a writer would hold the session's end up."""
+    return os.open(path, flags | os.O_NONBLOCK)
 
 
 class KeyTrigger(Trigger):
@@ -99,10 +109,17 @@ class KeyTrigger(Trigger):
         if key in " \r\n":
             try_trigger(self._session, self._tell)
         elif key in "sS":
-            self._session.mark_shaker_off()
-            self._tell("shaker off")
+            self._mark_shaker_off()
         elif key in "qQ":
             self._session.stop()
+
+    def _mark_shaker_off(self) -> None:
+        try:
+            self._session.mark_shaker_off()
+        except GlintError as error:
+            self._tell(str(error))
+        else:
+            self._tell("shaker off")
 
 
 @contextlib.contextmanager

@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
-from urllib.parse import urlsplit
+from urllib.parse import parse_qs, urlsplit
 
 import cv2
 import numpy as np
@@ -32,6 +32,8 @@ _WRONG = (
     KeyError,
     TypeError,
     OverflowError,  # infinite numbers
+    RecursionError,  # lists in lists
+    cv2.error,  # pictures beyond all bounds
 )
 _NOTHING: Mapping[str, Any] = {}
 
@@ -118,9 +120,10 @@ class LiveClient:
     Parameters
     ----------
     url : str
-        Where ``glint-aoa live --http`` listens, such as ``http://127.0.0.1:8765``.
+        Where ``glint-aoa live --http`` listens, such as ``http://127.0.0.1:8765``; as it prints
+        it, with the token, or without.
     token : str, optional
-        The session's token.
+        The session's token, where it is not in `url`.
     pixel_aspect : float, optional
         Pitch of a field line over that of a column, for the picture.
 
@@ -131,7 +134,8 @@ class LiveClient:
     """
 
     def __init__(self, url: str, *, token: str | None = None, pixel_aspect: float = 1.0) -> None:
-        self.url = _checked(url)
+        self.url, shown = _checked(url)
+        token = token or shown
         self._headers = {"Authorization": f"Bearer {token}"} if token else {}
         self._pixel_aspect = pixel_aspect
         self._readings: deque[LiveReading] = deque(maxlen=_MOST_READINGS)
@@ -226,7 +230,7 @@ class LiveClient:
     def _post(self, path: str) -> Mapping[str, Any]:
         try:
             return self._object(self._answered("POST", path, {}).json())
-        except (requests.RequestException, ValueError) as error:
+        except (requests.RequestException, ValueError, RecursionError) as error:
             raise InputError(self._said(error)) from None
 
     def _answered(self, method: str, path: str, query: Mapping[str, Any]) -> requests.Response:
@@ -267,22 +271,25 @@ class LiveClient:
         return f"{self.url}: the answer is none of glint-aoa live; check --live"
 
 
-def _checked(url: str) -> str:
+def _checked(url: str) -> tuple[str, str | None]:
+    """Return the address of a session, and the token that it was printed with."""
+    query: dict[str, list[str]] = {}
     try:
         parts = urlsplit(url)
         is_server = parts.scheme in {"http", "https"} and bool(parts.hostname)
         _ = parts.port
+        query = parse_qs(parts.query)
     except ValueError:
         is_server = False
-    if not is_server or parts.path not in {"", "/"} or parts.query or parts.username:
+    if not is_server or parts.path not in {"", "/"} or set(query) - {"token"} or parts.username:
         raise InputError(
             f"--live is {url}; give the address of glint-aoa live, such as http://127.0.0.1:8765"
         )
-    return f"{parts.scheme}://{parts.netloc}"
+    return f"{parts.scheme}://{parts.netloc}", query.get("token", [None])[0]
 
 
 def _refusal(answer: requests.Response) -> str:
-    if answer.status_code in {requests.codes.unauthorized, requests.codes.forbidden}:
+    if answer.status_code == requests.codes.unauthorized:
         return "refused; check --live-token"
     try:
         return str(answer.json()["error"])

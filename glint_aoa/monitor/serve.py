@@ -22,8 +22,8 @@ from tornado.httputil import HTTPHeaders, HTTPServerRequest
 from tornado.ioloop import IOLoop
 from tornado.web import OutputTransform, RequestHandler
 
+from glint_aoa.access import Access
 from glint_aoa.errors import InputError
-from glint_aoa.monitor.access import Access
 from glint_aoa.monitor.page import Page, Shared
 from glint_aoa.monitor.watch import FolderWatch
 from glint_aoa.records.angles import LOG_COLUMNS
@@ -76,10 +76,9 @@ def serve(
     InputError
         If it cannot listen there.
     """
-    Access.of(address, port, token)
-    address = "127.0.0.1" if address == "localhost" else address
-    listening = _listening(address, port)
-    access = Access.of(address, listening.getsockname()[1], token)
+    access = Access.of(address, port, token)
+    listening = _listening(access.address, port)
+    access = access.at(listening.getsockname()[1])
     _quieten()
     loop = IOLoop.current()
     pages = _Pages(shared, access)

@@ -158,7 +158,11 @@ class FolderWatch:
         with self._lock:
             for entry in self._entries.values():
                 if entry.status is PointStatus.QUEUED:
-                    entry.status, entry.sentence = self._judged(entry)
+                    try:
+                        entry.status, entry.sentence = self._judged(entry)
+                    except OSError as error:  # it may have gone just now
+                        entry.status = PointStatus.BROKEN
+                        entry.sentence = f"cannot be read ({error.strerror}); is it still there?"
                     self._version += 1
                     if entry.status is PointStatus.MEASURING:
                         return entry.path, entry.has_results
@@ -167,9 +171,10 @@ class FolderWatch:
     def measured(self, path: Path, log: Mapping[str, str]) -> None:
         """Note a recording's row of the log."""
         with self._lock:
-            entry = self._entries[path.name]
-            entry.log, entry.sentence, entry.has_results = dict(log), "", True
-            self._end(entry, PointStatus.MEASURED)
+            entry = self._entries.get(path.name)
+            if entry is not None:
+                entry.log, entry.sentence, entry.has_results = dict(log), "", True
+                self._end(entry, PointStatus.MEASURED)
 
     def failed(self, path: Path, sentence: str, *, may_heal: bool = False) -> None:
         """Note why a recording could not be measured.
@@ -184,7 +189,9 @@ class FolderWatch:
             Whether the reason may be that it is still being written.
         """
         with self._lock:
-            entry = self._entries[path.name]
+            entry = self._entries.get(path.name)
+            if entry is None:  # its file was taken away meanwhile
+                return
             is_young = self._clock() - entry.changed_s < self._patience_s
             entry.sentence, entry.log = sentence, _NOTHING
             entry.due_s = self._clock() + _RETRY_S
@@ -315,7 +322,8 @@ def _signature(path: Path) -> _Signature:
 def _outside(path: Path, folder: Path) -> Path | None:
     """Return the first of a recording's files that leads out of the folder."""
     for each in _members(path):
-        if os.path.lexists(each) and not each.resolve().is_relative_to(folder):
+        # Unlike Path.resolve, realpath does not mind links that lead round in a circle.
+        if os.path.lexists(each) and not Path(os.path.realpath(each)).is_relative_to(folder):
             return each
     return None
 

@@ -1,10 +1,10 @@
-"""Who may see the page: where it listens, which hosts and origins it answers to, and the token."""
+"""Who may ask a server: where it listens, which hosts and origins it answers to, the token."""
 
 import hmac
 import ipaddress
 import secrets
 import socket
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from urllib.parse import urlsplit
 
 from glint_aoa.errors import InputError
@@ -32,7 +32,8 @@ class Access:
     -----
     The name in the Host header must be the server's own. A page elsewhere whose name is made to
     resolve to this machine (DNS rebinding) comes with its own name and is refused. A request with
-    an Origin must come from the page itself, so no other page can use it or its websocket.
+    an Origin must come from a page of the server itself, so no other page can use it or its
+    websocket.
     """
 
     address: str
@@ -66,7 +67,7 @@ class Access:
 
     @property
     def url(self) -> str:
-        """Address of the page, with the token."""
+        """Address of the server, with the token."""
         ip = ipaddress.ip_address(self.address)
         host = socket.gethostname() if ip.is_unspecified else _bracketed(self.address)
         query = "" if self.token is None else f"?token={self.token}"
@@ -76,6 +77,10 @@ class Access:
     def cookie(self) -> str:
         """Name of the cookie that carries the token; cookies do not tell ports apart."""
         return f"glint-aoa-{self.port}"
+
+    def at(self, port: int) -> "Access":
+        """Return the same rules for the port that the system gave."""
+        return replace(self, port=port)
 
     def knows_host(self, host: str) -> bool:
         """Whether a Host header names this server."""
