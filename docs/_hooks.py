@@ -21,6 +21,7 @@ from pydantic import BeforeValidator
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
+from glint_aoa.cli._grouped import GROUPS
 from glint_aoa.cli.app import app
 from glint_aoa.records.formats._beside import Beside
 from glint_aoa.setup import Setup
@@ -95,17 +96,20 @@ def command_pages() -> Pages:
     program = typer.main.get_command(app)
     pages = {"index": "\n".join(_program_lines(program))}
     pages |= {
-        name: "\n".join(_command_lines(each, f"glint-aoa {name}", 1))
-        for name, each in sorted(program.commands.items())  # type: ignore[attr-defined]
+        name: "\n".join(_command_lines(program.commands[name], f"glint-aoa {name}", 1))  # type: ignore[attr-defined]
+        for names in GROUPS.values()
+        for name in names
     }
     return {f"{_COMMANDS}{name}.md": page for name, page in pages.items()}
 
 
 def _program_lines(program: Any) -> Iterator[str]:
     yield from _command_lines(program, "glint-aoa", 1, inner=False)
-    yield from ["", "| command | |", "|---|---|"]
-    for name, each in sorted(program.commands.items()):
-        yield f"| [`{name}`]({name}.md) | {_escaped(each.get_short_help_str(200))} |"
+    for title, names in GROUPS.items():
+        yield from ["", f"| {title.lower()} | |", "|---|---|"]
+        for name in names:
+            short = program.commands[name].get_short_help_str(200)
+            yield f"| [`{name}`]({name}.md) | {_escaped(short)} |"
     yield from [
         "",
         "Exit code 0: done. 2: bad input or usage, said in one sentence. 3: measured but",

@@ -164,7 +164,8 @@ def compare_points(
         Recorded points with fields, acquisition channels and what the shaker did; those of a
         run in the order in which they were taken.
     setup : Setup
-        The setup; the inertial angle is corrected if it lists modes.
+        The setup; the inertial angle is corrected if it lists modes, or if the accelerometers
+        show the motion without them.
     out : str or Path
         Folder of the optical results, as for `process_point`.
     jobs : int, optional
@@ -245,7 +246,8 @@ def compare_point(
     told : (Path, BenchmarkPoint)
         Recorded point with fields and acquisition channels, and what it says of itself.
     setup : Setup
-        The setup; the inertial angle is corrected if it lists modes.
+        The setup; the inertial angle is corrected if it lists modes, or if the accelerometers
+        show the motion without them.
     out : Path, optional
         Folder of the optical results, but for the log; none are written if not given.
     overwrite : bool, optional
@@ -289,9 +291,15 @@ def compare_point(
 
 def _inertial_angles(record: AcquisitionRecord, setup: Setup) -> tuple[float, float | None]:
     """Mean raw and corrected angle [deg] where the low-pass has settled."""
-    if not setup.inertial.mode:
+    try:
+        # Without modes kinematics alone is certain whatever the vibration.
+        rows = correct(
+            record, setup.inertial, method="auto" if setup.inertial.mode else "kinematic"
+        )
+    except InputError:
+        if setup.inertial.mode:
+            raise
         return static_angle(record, setup.inertial)[0], None
-    rows = correct(record, setup.inertial)
     means = (each[rows.settled].mean() for each in (rows.raw_angle_deg, rows.angle_deg))
     raw, corrected = map(float, means)
     return raw, corrected

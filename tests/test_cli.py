@@ -201,17 +201,6 @@ def test_help_of_each_command_shows_an_example_on_a_line_of_its_own(glint_aoa, c
     assert f"  Example: {COMMANDS[command]}\n" in out
 
 
-def test_the_list_of_commands_is_not_cut_short_at_80_columns(glint_aoa, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "80")
-    _, out, _ = glint_aoa("--help")
-    listed = out.partition("Commands:\n")[2].splitlines()
-    assert [line.split()[0] for line in listed] == [
-        name for name in COMMANDS if " " not in name and name != "calibrate"
-    ] + ["calibrate"]
-    assert all(line.endswith(".") and not line.endswith("...") for line in listed)
-    assert max(map(len, out.splitlines())) <= 80
-
-
 @pytest.mark.parametrize("command", ["", *(name for name in COMMANDS if name not in RUN_ALONE)])
 def test_a_command_without_arguments_shows_its_help(glint_aoa, command):
     code, out, err = glint_aoa(*command.split())

@@ -9,6 +9,7 @@ import pytest
 import typer
 
 from glint_aoa.cli._benchmark_command import STUDIES
+from glint_aoa.cli._grouped import GROUPS
 from glint_aoa.cli.app import app
 
 ROOT = Path(__file__).parents[1]
@@ -85,6 +86,19 @@ def test_the_program_without_arguments_shows_its_help(program):
     assert code == 2
     assert (out + err).strip() == told.strip()
     assert "\n  Example: glint-aoa process " in told
+
+
+def test_the_help_lists_every_command_once_and_whole_under_its_heading(program, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    commands = typer.main.get_command(app).commands
+    _, told, _ = program("--help")
+    for title, names in GROUPS.items():
+        listed = told.partition(f"\n{title}:\n")[2].partition("\n\n")[0].splitlines()
+        assert [line.split(None, 1) for line in listed] == [
+            [name, commands[name].help.partition("\n")[0]] for name in names
+        ]
+    assert sorted(commands) == sorted(name for names in GROUPS.values() for name in names)
+    assert max(map(len, told.splitlines())) <= 80
 
 
 def test_help_loads_nothing_heavy(shell):

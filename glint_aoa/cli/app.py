@@ -10,6 +10,7 @@ import typer
 
 from glint_aoa.cli import calibrate
 from glint_aoa.cli._benchmark_command import BenchmarkCommand
+from glint_aoa.cli._grouped import GroupedCommands
 from glint_aoa.cli.batch import batch
 from glint_aoa.cli.benchmark import benchmark
 from glint_aoa.cli.convert import convert
@@ -40,29 +41,30 @@ _AGAIN = 0.01  # s, until an interrupt that was swallowed comes again
 
 app = typer.Typer(
     name="glint-aoa",
+    cls=GroupedCommands,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
 app.command("demo")(demo)
-app.command("init")(init)
 app.command("doctor")(doctor)
+app.command("init")(init)
+app.command("plan", no_args_is_help=True)(plan)
+app.command("simulate", no_args_is_help=True)(simulate)
+app.add_typer(calibrate.app, name="calibrate")
+app.command("uncertainty", no_args_is_help=True)(uncertainty)
 app.command("inspect", no_args_is_help=True)(inspect)
+app.command("convert", no_args_is_help=True)(convert)
 app.command("process", no_args_is_help=True)(process)
 app.command("batch", no_args_is_help=True)(batch)
-app.add_typer(calibrate.app, name="calibrate")
-app.command("convert", no_args_is_help=True)(convert)
+app.command("live", no_args_is_help=True)(live)
+app.command("monitor", no_args_is_help=True)(monitor)
+app.command("twist", no_args_is_help=True)(twist)
 app.command("correct", no_args_is_help=True)(correct)
 app.command("fuse", no_args_is_help=True)(fuse)
 app.command("benchmark", cls=BenchmarkCommand, no_args_is_help=True)(benchmark)
-app.command("plan", no_args_is_help=True)(plan)
 app.command("report", no_args_is_help=True)(report)
-app.command("live", no_args_is_help=True)(live)
-app.command("monitor", no_args_is_help=True)(monitor)
-app.command("simulate", no_args_is_help=True)(simulate)
-app.command("twist", no_args_is_help=True)(twist)
-app.command("uncertainty", no_args_is_help=True)(uncertainty)
 
 
 def _show_version(wanted: bool) -> None:

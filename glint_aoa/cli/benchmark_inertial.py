@@ -36,7 +36,7 @@ def benchmark_inertial(
         Path | None,
         typer.Option("--out", "-o", metavar="FOLDER", help="Folder for the tables as CSV."),
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of noise and phases.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, metavar="N", help="Of noise and phases.")] = 0,
     overwrite: Overwrite = False,
     strict: Strict = False,
     as_json: Json = False,

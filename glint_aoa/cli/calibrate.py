@@ -21,7 +21,7 @@ app.command("check", no_args_is_help=True)(check)
 
 @app.callback()
 def _calibrations() -> None:
-    """Calibrate the optical angle.
+    """Calibrate camera, place and angle; see whether they drift.
 
     \b
     Example: glint-aoa calibrate sweep sweep-*.h5 --setup glint-aoa.toml --out sweep.toml

@@ -101,7 +101,7 @@ def live(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Measure fields as they come, and record points when triggered.
+    """Measure fields as they come; record points when triggered.
 
     A point is triggered by the space bar, SIGUSR1, --trigger-file or --http; with the fields before
     the trigger it is written to <out>/<point>.h5, for process. Ctrl-C or q ends the session.

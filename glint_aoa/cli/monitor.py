@@ -12,12 +12,14 @@ __all__ = ["monitor"]
 
 def monitor(
     folder: Annotated[
-        Path, typer.Argument(metavar="DIR", help="Folder of points.", show_default=False)
+        Path, typer.Argument(metavar="FOLDER", help="Folder of points.", show_default=False)
     ],
     setup: SetupFile = Path("glint-aoa.toml"),
     results: Annotated[
         Path | None,
-        typer.Option(metavar="FOLDER", help="Folder for the results; DIR/results if not given."),
+        typer.Option(
+            metavar="FOLDER", help="Folder for the results; in that of the points if not given."
+        ),
     ] = None,
     live: Annotated[
         str | None,
@@ -50,7 +52,7 @@ def monitor(
     Measures each new point as process does, and shows its mean and standard deviation, newest
     field, angle against time, flags, onboard sensor and spectra; with --live a live session as
     well. Results that are there are used. Its buttons trigger a point and mark that the shaker is
-    off: in the live session, or without one in DIR/trigger and DIR/marks.csv. Ctrl-C ends it.
+    off: in the live session, or without one in FOLDER/trigger and FOLDER/marks.csv. Ctrl-C ends it.
 
     \b
     Example: glint-aoa monitor run-01 --setup glint-aoa.toml --live http://127.0.0.1:8765

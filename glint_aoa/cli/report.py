@@ -19,7 +19,7 @@ class _Format(StrEnum):
 
 def report(
     folder: Annotated[
-        Path, typer.Argument(metavar="DIR", help="Folder of results.", show_default=False)
+        Path, typer.Argument(metavar="FOLDER", help="Folder of results.", show_default=False)
     ],
     out: Annotated[
         Path | None,
@@ -27,7 +27,7 @@ def report(
             "--out",
             "-o",
             metavar="FILE",
-            help="The HTML file; DIR/report.html if not given.",
+            help="The HTML file; FOLDER/report.html if not given.",
             show_default=False,
         ),
     ] = None,
@@ -52,9 +52,9 @@ def report(
 ) -> None:
     """Show results as one HTML file, to read, print and send.
 
-    It holds what process, benchmark, correct and calibrate wrote to DIR and the folders in it, and
-    says what is not there. Fields and onboard sensor are drawn from the recordings, which are found
-    by the path and the hash in the results.
+    It holds what process, benchmark, correct and calibrate wrote to FOLDER and the folders in it,
+    and says what is not there. Fields and onboard sensor are drawn from the recordings, which are
+    found by the path and the hash in the results.
 
     \b
     Example: glint-aoa report results --jobs 4

@@ -39,7 +39,7 @@ def uncertainty(
     temperature: Annotated[
         float | None,
         typer.Option(
-            metavar="K", help="Tunnel temperature, for a sweep at several.", show_default=False
+            metavar="KELVIN", help="Tunnel temperature, for a sweep at several.", show_default=False
         ),
     ] = None,
     draws: Annotated[

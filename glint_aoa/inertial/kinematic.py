@@ -72,7 +72,8 @@ def missing(task: CorrectionTask) -> str | None:
         has modes if the setup lists modes in one plane only.
     """
     lacking = [stations_missing(task.record, plane, task.package) for plane in _planes(task)]
-    return " and ".join(lack for lack in lacking if lack is not None) or None
+    each_once = dict.fromkeys(lack for lack in lacking if lack is not None)
+    return " and ".join(each_once) or None
 
 
 def estimate_bias(task: CorrectionTask) -> BiasEstimate:
