@@ -356,7 +356,7 @@ def _lists_names(path: Path) -> bool:
 
 
 def notebook_pages() -> Pages:
-    """Return the notebooks as they are stored, outputs and pictures included."""
+    """Return the notebooks as they are stored, pictures included, linked to the site's pages."""
     from nbconvert import MarkdownExporter  # noqa: PLC0415  slow to load, and not for the tests
 
     pages: Pages = {}
@@ -364,7 +364,8 @@ def notebook_pages() -> Pages:
         page, resources = MarkdownExporter().from_filename(
             path, resources={"output_files_dir": path.stem}
         )
-        pages[f"{_NOTEBOOKS}{path.stem}.md"] = page
+        linked = page.replace(".ipynb)", ".md)").replace("](../docs/", "](../")
+        pages[f"{_NOTEBOOKS}{path.stem}.md"] = linked
         pages |= {f"{_NOTEBOOKS}{name}": data for name, data in resources["outputs"].items()}
     return pages
 
